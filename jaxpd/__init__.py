@@ -1,0 +1,73 @@
+"""Differentiable nonlocal mechanics in JAX.
+
+The rooms, in the order in which data walks through them: `geometry`, `physics`,
+`discretize`, `operators`, `solvers`; then the front desk: `scene`, `gallery`, `run`,
+`plot`. Importing does nothing; statics needs 64-bit floats, which the user turns on:
+
+    jax.config.update("jax_enable_x64", True)
+"""
+
+from jaxpd import discretize, gallery, geometry, operators, physics, solvers
+from jaxpd.geometry import (
+    above,
+    ball,
+    below,
+    box,
+    from_points,
+    lattice,
+    rectangle,
+    segment,
+    union,
+)
+from jaxpd.run import Problem, Solution, prepare, solve_static
+from jaxpd.scene import (
+    Bonds,
+    Elastic,
+    Scene,
+    body_force,
+    conical,
+    constant,
+    fractional,
+    gaussian,
+    holds,
+    moves,
+    pull,
+)
+from jaxpd.solvers.status import NotConverged, Status
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Bonds",
+    "Elastic",
+    "NotConverged",
+    "Problem",
+    "Scene",
+    "Solution",
+    "Status",
+    "above",
+    "ball",
+    "below",
+    "body_force",
+    "box",
+    "conical",
+    "constant",
+    "discretize",
+    "fractional",
+    "from_points",
+    "gallery",
+    "gaussian",
+    "geometry",
+    "holds",
+    "lattice",
+    "moves",
+    "operators",
+    "physics",
+    "prepare",
+    "pull",
+    "rectangle",
+    "segment",
+    "solve_static",
+    "solvers",
+    "union",
+]

@@ -1,0 +1,21 @@
+"""Names for array shapes, so that a signature says what it takes.
+
+The letters: `n` points, `d` dimensions (1, 2 or 3), `k` slots of a family (the most
+neighbours that a point has). Families are stored slot by slot, `[k, n]`: a loop over
+slots then reads memory in order, which on a CPU is several times faster than `[n, k]`.
+"""
+
+from typing import Annotated, TypeAlias
+
+import jax
+
+Scalar: TypeAlias = Annotated[jax.Array, "[]"]
+Vector: TypeAlias = Annotated[jax.Array, "[d]"]
+Tensor: TypeAlias = Annotated[jax.Array, "[d, d]"]
+PointScalar: TypeAlias = Annotated[jax.Array, "[n]"]
+PointVector: TypeAlias = Annotated[jax.Array, "[n, d]"]
+PointTensor: TypeAlias = Annotated[jax.Array, "[n, d, d]"]
+BondIndex: TypeAlias = Annotated[jax.Array, "[k, n] int32"]
+BondScalar: TypeAlias = Annotated[jax.Array, "[k, n]"]
+BondVector: TypeAlias = Annotated[jax.Array, "[k, n, d]"]
+BondTensor: TypeAlias = Annotated[jax.Array, "[k, n, d, d]"]

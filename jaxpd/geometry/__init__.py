@@ -1,0 +1,44 @@
+"""Points, families and cracks: topology on the host, everything else traced."""
+
+from jaxpd.geometry.cloud import Cloud, Lattice, from_points, lattice
+from jaxpd.geometry.connectivity import free_modes, loose_points, pieces, rigid_modes
+from jaxpd.geometry.crack import Crack, rectangle, segment
+from jaxpd.geometry.family import Family, find
+from jaxpd.geometry.region import (
+    Ball,
+    Box,
+    HalfSpace,
+    Region,
+    Union,
+    above,
+    ball,
+    below,
+    box,
+    union,
+)
+
+__all__ = [
+    "Ball",
+    "Box",
+    "Cloud",
+    "Crack",
+    "Family",
+    "HalfSpace",
+    "Lattice",
+    "Region",
+    "Union",
+    "above",
+    "ball",
+    "below",
+    "box",
+    "find",
+    "free_modes",
+    "from_points",
+    "lattice",
+    "loose_points",
+    "pieces",
+    "rectangle",
+    "rigid_modes",
+    "segment",
+    "union",
+]

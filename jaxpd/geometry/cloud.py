@@ -1,0 +1,142 @@
+"""Clouds of points that carry volume: regular lattices and points from elsewhere.
+
+What lives here: where the points are and how much of the body each one stands for.
+What does not: who is whose neighbour (`family`), what the points are made of.
+
+In d < 3 dimensions volumes are lengths or areas (m^d), and every force and energy that
+follows is per unit of what is left out: a plate has a thickness of 1 m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpd._types import PointScalar, PointVector
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """The grid behind a regular cloud: host data, hashable.
+
+    Point (i, j, ..) is number `ravel_multi_index((i, j, ..), shape)` of the cloud.
+
+    Attributes:
+        shape: points along each axis, layers included.
+        dx: spacing (m), the same along every axis.
+        origin: position of point (0, 0, ..) (m).
+    """
+
+    shape: tuple[int, ...]
+    dx: float
+    origin: tuple[float, ...]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points and their volumes.
+
+    Attributes:
+        X: reference positions [n, d] (m).
+        vol: volumes [n] (m^d), a leaf of its own: moving X does not change it.
+        lattice: the grid that X lies on, or None.
+    """
+
+    X: PointVector
+    vol: PointScalar
+    lattice: Lattice | None = field(metadata={"static": True}, default=None)
+
+    @property
+    def n(self) -> int:
+        """Number of points."""
+        return self.X.shape[0]
+
+    @property
+    def d(self) -> int:
+        """Number of space dimensions."""
+        return self.X.shape[1]
+
+
+def lattice(
+    lo: Sequence[float],
+    hi: Sequence[float],
+    dx: float,
+    *,
+    layers: Sequence[tuple[int, int]] | None = None,
+    nodes: str = "edge",
+) -> Cloud:
+    """A regular lattice over the box from `lo` to `hi`, every volume dx^d.
+
+    Args:
+        lo: lower corner of the box (m).
+        hi: upper corner of the box (m).
+        dx: spacing (m); must divide every side of the box.
+        layers: (below, above) extra layers of points outside the box, per axis, for
+            volume constraints; none by default.
+        nodes: "edge" puts the outermost points on the faces of the box (n + 1 points
+            on a side of n spacings), as paper 000 does; "cell" puts points in the
+            middle of cells (n points), so that the volumes add up to the box.
+
+    Raises:
+        ValueError: if dx does not divide a side, or an argument is out of range.
+    """
+    lo_, hi_ = np.asarray(lo, float), np.asarray(hi, float)
+    if lo_.shape != hi_.shape or lo_.ndim != 1 or not 1 <= lo_.size <= 3:
+        raise ValueError(f"hi: {hi} and lo: {lo} must be corners in 1, 2 or 3-D")
+    if not (np.isfinite(dx) and dx > 0):
+        raise ValueError(f"dx: {dx} must be a positive number")
+    if nodes not in ("edge", "cell"):
+        raise ValueError(f"nodes: {nodes!r} must be 'edge' or 'cell'")
+    cells = (hi_ - lo_) / dx
+    n = np.rint(cells).astype(int)
+    if (n < 1).any() or not np.allclose(cells, n, rtol=0, atol=1e-6):
+        raise ValueError(
+            f"dx: {dx} does not divide the sides {tuple(map(float, hi_ - lo_))} "
+            f"({tuple(map(float, cells))} cells); choose dx = side / whole number"
+        )
+    extra = np.zeros((lo_.size, 2), int) if layers is None else np.asarray(layers, int)
+    if extra.shape != (lo_.size, 2) or (extra < 0).any():
+        raise ValueError(
+            f"layers: {layers} must be {lo_.size} pairs (below, above) of numbers >= 0"
+        )
+    shape = tuple(map(int, n + (nodes == "edge") + extra.sum(1)))
+    shift = 0.0 if nodes == "edge" else 0.5
+    start = shift - extra[:, 0]
+    # coordinates as lo + side * (i / n): the faces and the middle come out exactly
+    axes = [
+        lo_[a] + (hi_[a] - lo_[a]) * ((start[a] + np.arange(shape[a])) / n[a])
+        for a in range(lo_.size)
+    ]
+    X = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
+    grid = Lattice(shape, float(dx), tuple(float(axis[0]) for axis in axes))
+    return Cloud(jnp.asarray(X), jnp.full(len(X), float(dx) ** lo_.size), grid)
+
+
+def from_points(X: PointVector, vol: PointScalar) -> Cloud:
+    """A cloud of given positions [n, d] (m) and volumes [n] or [] (m^d).
+
+    Raises:
+        ValueError: on wrong shapes, values that are not finite, volumes that are not
+            positive, or coincident points.
+    """
+    X_ = np.asarray(X, float)
+    if X_.ndim != 2 or not 1 <= X_.shape[1] <= 3 or len(X_) == 0:
+        raise ValueError(f"X: shape {X_.shape} must be [n, d] with n >= 1, d = 1, 2, 3")
+    try:
+        vol_ = np.broadcast_to(np.asarray(vol, float), (len(X_),))
+    except ValueError:
+        raise ValueError(
+            f"vol: shape {np.shape(vol)} must be [] or [{len(X_)}], one volume a point"
+        ) from None
+    if not np.isfinite(X_).all():
+        bad = int(np.argmin(np.isfinite(X_).all(axis=1)))
+        raise ValueError(f"X: point {bad} at {X_[bad]} is not finite; remove it")
+    if not (np.isfinite(vol_) & (vol_ > 0)).all():
+        bad = int(np.argmin(np.isfinite(vol_) & (vol_ > 0)))
+        raise ValueError(f"vol: point {bad} has volume {vol_[bad]}, which must be > 0")
+    return Cloud(jnp.asarray(X_), jnp.asarray(np.array(vol_)), None)

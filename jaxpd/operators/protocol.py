@@ -1,0 +1,69 @@
+"""The one protocol between mechanics and solvers.
+
+Solvers know these two classes and no physics; an operator knows physics and no solver.
+Forces are nodal forces (N in 3-D): volumes of both ends included, so that the stiffness
+is symmetric (paper 000, eq. 17).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import jax
+
+from jaxpd._types import PointTensor, PointVector, Scalar
+
+
+class Tangent(Protocol):
+    """The stiffness K = -d respond / du at a displacement: positive at rest."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether K is symmetric."""
+        ...
+
+    def mv(self, du: PointVector) -> PointVector:
+        """K du [n, d] (N)."""
+        ...
+
+    def diagonal(self) -> PointTensor:
+        """Block diagonal [n, d, d] (N/m) for preconditioning."""
+        ...
+
+    def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Rows [b], columns [b] and blocks [b, d, d] of K; duplicates add up."""
+        ...
+
+
+class ForceOperator(Protocol):
+    """Displacements to nodal forces."""
+
+    @property
+    def unit(self) -> str:
+        """Either "N" for nodal forces or "N/m^3" for force densities."""
+        ...
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether tangents are symmetric."""
+        ...
+
+    def respond(self, u: PointVector, history: Any = None) -> PointVector:
+        """Internal force [n, d] = -dE/du where an energy exists; zero at rest."""
+        ...
+
+    def advance(self, u: PointVector, history: Any = None) -> Any:
+        """The committed memory after u; called by the driver alone."""
+        ...
+
+    def history0(self) -> Any:
+        """The memory of an untouched body."""
+        ...
+
+    def energy(self, u: PointVector, history: Any = None) -> Scalar:
+        """Stored energy [] (J)."""
+        ...
+
+    def tangent(self, u: PointVector, history: Any = None) -> Tangent:
+        """Stiffness at u and frozen history."""
+        ...

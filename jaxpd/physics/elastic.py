@@ -1,0 +1,96 @@
+"""Classical elasticity: what a nonlocal law is calibrated against.
+
+Four states of a solid, each with the number of dimensions that it is modelled in:
+
+    "bar"           1-D   uniaxial stress, energy E e^2 / 2
+    "plane stress"  2-D   per unit thickness
+    "plane strain"  2-D   per unit thickness
+    "solid"         3-D
+
+A bond-based law has pair forces along the bonds alone and so one elastic constant: its
+Poisson's ratio is 1/3 in plane stress, 1/4 in plane strain and in 3-D.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpd._types import Scalar
+
+DIMENSIONS = {"bar": 1, "plane stress": 2, "plane strain": 2, "solid": 3}
+#: The only Poisson's ratio of a bond-based law; a bar has none to speak of.
+BOND_BASED_NU = {
+    "plane stress": Fraction(1, 3),
+    "plane strain": Fraction(1, 4),
+    "solid": Fraction(1, 4),
+}
+
+
+def check(E: float, nu: float | None, state: str) -> None:
+    """Refuse elastic constants that no stable isotropic solid has.
+
+    Raises:
+        ValueError: naming the argument, its value and the cure.
+    """
+    if state not in DIMENSIONS:
+        raise ValueError(f"state: {state!r} must be one of {list(DIMENSIONS)}")
+    if not np.all(np.isfinite(E)) or not np.all(np.asarray(E) > 0):
+        raise ValueError(f"E: {E} must be positive (Pa)")
+    if state != "bar":
+        limit = 0.5 if state != "plane stress" else 1.0
+        if nu is None or not -1 < nu < limit:
+            raise ValueError(f"nu: {nu} must lie between -1 and {limit} in {state}")
+
+
+def check_bond_based(nu: float | None, state: str) -> None:
+    """Refuse a Poisson's ratio that a bond-based law cannot have.
+
+    Raises:
+        ValueError: naming the ratio that it has.
+    """
+    if state in BOND_BASED_NU:
+        only = BOND_BASED_NU[state]
+        if nu is None or abs(nu - float(only)) > 1e-6:
+            raise ValueError(
+                f"nu: {nu} is out of reach of a bond-based law, whose pair forces fix "
+                f"Poisson's ratio at {only} in {state}; set nu={only}, or use a theory "
+                "with two constants (MLS difference, RKPM)"
+            )
+
+
+def dilation_energy(E: Scalar, nu: float | None, state: str) -> Scalar:
+    """Strain energy density W / e^2 (Pa) under the same strain e in all d directions.
+
+    2 k' in the notation of paper 000, eq. 14.
+    """
+    if state == "bar":
+        return 0.5 * E
+    if nu is None:
+        raise ValueError(f"nu: None; {state} needs a Poisson's ratio")
+    if state == "plane stress":
+        return E / (1.0 - nu)
+    if state == "plane strain":
+        return E / (1.0 - nu - 2.0 * nu**2)
+    return 1.5 * E / (1.0 - 2.0 * nu)
+
+
+def stiffness(E: Scalar, nu: float, state: str):
+    """Stiffness in Voigt notation [1, 1], [3, 3] or [6, 6] (Pa), engineering shear."""
+    if state == "bar":
+        return jnp.reshape(jnp.asarray(E), (1, 1))
+    shear = E / (2.0 * (1.0 + nu))
+    lam = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)) if nu < 0.5 else jnp.inf
+    if state == "plane stress":
+        lam = E * nu / (1.0 - nu**2)
+    d = DIMENSIONS[state]
+    n_shear = d * (d - 1) // 2
+    normal = lam * jnp.ones((d, d)) + 2.0 * shear * jnp.eye(d)
+    return jnp.block(
+        [
+            [normal, jnp.zeros((d, n_shear))],
+            [jnp.zeros((n_shear, d)), shear * jnp.eye(n_shear)],
+        ]
+    )

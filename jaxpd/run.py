@@ -1,0 +1,153 @@
+"""From a scene to a solution: `solve_static` and what users ask of its result."""
+
+from __future__ import annotations
+
+import resource
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpd._types import PointScalar, PointVector
+from jaxpd.geometry import Crack, Region
+from jaxpd.problem import Problem, first_system, first_tangent, prepare
+from jaxpd.scene import Scene
+from jaxpd.solvers.newton import NewtonInfo
+from jaxpd.solvers.status import NotConverged, Status
+
+__all__ = [
+    "Problem",
+    "Solution",
+    "first_system",
+    "first_tangent",
+    "peak_memory",
+    "prepare",
+    "solve_static",
+]
+
+_solve = jax.jit(Problem.solve)
+
+
+@jax.jit
+def _measure(problem: Problem, u: PointVector):
+    operator, _, load = problem.build(problem.params)
+    force = operator.respond(u)
+    reaction = jnp.where(problem.fixed, -(force + load), 0.0)
+    has_energy = hasattr(operator.law, "energy")
+    energy = operator.energy_per_point(u) if has_energy else jnp.full(len(u), jnp.nan)
+    return reaction, energy
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A solved scene.
+
+    Attributes:
+        scene: what was solved.
+        problem: what it was prepared into.
+        u: displacements [n, d] (m).
+        reaction: forces of the supports on the body [n, d] (N).
+        energy: stored energy of each point [n] (J); NaN for a law without one.
+        info: how the solve went.
+        seconds: wall time of "prepare" and "solve", compilation included.
+        peak_memory: highest resident memory of the process so far (bytes).
+    """
+
+    scene: Scene
+    problem: Problem
+    u: PointVector
+    reaction: PointVector
+    energy: PointScalar
+    info: NewtonInfo
+    seconds: dict[str, float]
+    peak_memory: int
+
+    @property
+    def X(self) -> PointVector:
+        """Reference positions [n, d] (m)."""
+        return self.problem.params["X"]
+
+    @property
+    def energy_density(self) -> PointScalar:
+        """Stored energy per volume [n] (J/m^3)."""
+        return self.energy / self.problem.params["vol"]
+
+    @property
+    def status(self) -> Status:
+        """How the solve ended."""
+        return Status(int(self.info.status))
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations, 1 for small displacements."""
+        return int(self.info.iterations)
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Relative residual after each Newton iteration."""
+        return np.asarray(self.info.residuals)[: self.iterations]
+
+    @property
+    def linear_iterations(self) -> np.ndarray:
+        """Krylov iterations of each Newton iteration; -1 where not counted."""
+        return np.asarray(self.info.linear_iterations)[: self.iterations]
+
+    def checked(self) -> Solution:
+        """This solution, if it converged.
+
+        Raises:
+            NotConverged: with status, residual history and cure.
+        """
+        if self.status is not Status.CONVERGED:
+            small = self.scene.kinematics == "small"
+            what = "linear solve" if small else "Newton's method"
+            what += f" ({self.problem.spec.linear.method}"
+            what += f", load factor {float(self.info.load_factor):.3g})"
+            raise NotConverged(self.status, self.residuals, what)
+        return self
+
+    def reaction_on(self, region: Region) -> np.ndarray:
+        """Resultant [d] (N) of the supports' forces on the points in a region."""
+        inside = region.contains(np.asarray(self.X))
+        return np.asarray(self.reaction)[inside].sum(axis=0)
+
+    def opening(self, crack: Crack, at: float = 0.5) -> float:
+        """Opening (m) of a 2-D crack at the edge coordinate `at` in 0..1.
+
+        The normal displacement of the nearest point above the crack minus that of the
+        nearest below. The elastic strain over the spacing between the two is included.
+        """
+        X, u = np.asarray(self.X), np.asarray(self.u)
+        upper = crack.above(X)
+        distance = np.linalg.norm(X - crack.point(at), axis=1)
+        i = np.argmin(np.where(upper, distance, np.inf))
+        j = np.argmin(np.where(upper, np.inf, distance))
+        return float((u[i] - u[j]) @ crack.normal)
+
+
+def peak_memory() -> int:
+    """Highest resident memory of this process so far (bytes)."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def solve_static(scene: Scene, **options: Any) -> Solution:
+    """Solve a scene: `prepare`, `Problem.solve` and what users ask of the result.
+
+    Args:
+        scene: what to solve.
+        **options: those of `prepare`.
+
+    Returns:
+        A `Solution`; call its `checked()` to be sure that it converged.
+    """
+    start = time.perf_counter()
+    problem = prepare(scene, **options)
+    ready = time.perf_counter()
+    u, info = jax.block_until_ready(_solve(problem))
+    solved = time.perf_counter()
+    reaction, energy = _measure(problem, u)
+    seconds = {"prepare": ready - start, "solve": solved - ready}
+    return Solution(scene, problem, u, reaction, energy, info, seconds, peak_memory())

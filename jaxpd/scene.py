@@ -1,0 +1,265 @@
+"""Scenes: what a problem is, not how it is solved.
+
+A scene is data: body, material, cracks, supports, loads, and optionally a resolution.
+Nothing here is traced, searched or solved; `jaxpd.run.prepare` does that. Values are
+numbers, or callables of the positions X [n, d] through Python alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpd.geometry import Box, Cloud, Crack, HalfSpace, Region
+from jaxpd.physics import elastic
+from jaxpd.physics.influence import (
+    Conical,
+    Constant,
+    Fractional,
+    Gaussian,
+    Influence,
+    check_order,
+)
+
+Value = float | Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """Linear elastic isotropic material.
+
+    Attributes:
+        E: Young's modulus (Pa), positive.
+        nu: Poisson's ratio (-); None for a bar. Bond-based laws have 1/3 in plane
+            stress, 1/4 in plane strain and in 3-D, and refuse others.
+        state: "bar", "plane stress", "plane strain" or "solid".
+    """
+
+    E: float
+    nu: float | None = None
+    state: str = "solid"
+
+    def __post_init__(self):
+        """Refuse constants that no stable solid has."""
+        elastic.check(self.E, self.nu, self.state)
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """An influence function by name, so that a scene stays data.
+
+    Attributes:
+        name: "fractional", "constant", "conical" or "gaussian".
+        parameter: order alpha of the fractional kernel; decay length over horizon of
+            the Gaussian.
+    """
+
+    name: str
+    parameter: float = 0.0
+
+    def influence(self, d: int, delta: Any) -> Influence:
+        """The influence function in d dimensions with horizon `delta` (m)."""
+        if self.name == "fractional":
+            return Fractional(jnp.asarray(self.parameter, float), d)
+        if self.name == "constant":
+            return Constant()
+        if self.name == "conical":
+            return Conical(jnp.asarray(delta))
+        return Gaussian(self.parameter * jnp.asarray(delta))
+
+
+def fractional(alpha: float) -> Kernel:
+    """The kernel 1 / r^(d + alpha), alpha < 2; alpha = 1 - d is the PMB material."""
+    check_order(alpha)
+    return Kernel("fractional", float(alpha))
+
+
+def constant() -> Kernel:
+    """The influence function omega = 1."""
+    return Kernel("constant")
+
+
+def conical() -> Kernel:
+    """The influence function omega = 1 - r / delta."""
+    return Kernel("conical")
+
+
+def gaussian(ratio: float = 1 / 3) -> Kernel:
+    """The influence function exp(-(r / (ratio delta))^2)."""
+    if not ratio > 0:
+        raise ValueError(f"ratio: {ratio} must be positive")
+    return Kernel("gaussian", float(ratio))
+
+
+@dataclass(frozen=True)
+class Bonds:
+    """Bond-based peridynamics at a resolution.
+
+    Attributes:
+        dx: spacing of the lattice (m); None where the body is a cloud of points.
+        m: horizon over spacing (-); give this or `delta`.
+        delta: horizon (m).
+        kernel: influence function: a `Kernel`, or any pytree of
+            `jaxpd.physics.Influence`.
+        partial: volume of neighbours at the rim of the horizon, "none", "linear" or
+            "continuous"; see `jaxpd.geometry.family.find`.
+        correction: surface correction, "none", "lattice" or "analytic"; see
+            `jaxpd.discretize.surface`. None is "lattice" on a lattice, "analytic" on
+            points from elsewhere.
+        nodes: "edge" or "cell"; see `jaxpd.geometry.lattice`.
+        layers: (below, above) layers of points outside the body, per axis. None puts
+            m - 1 layers outside each face that lies in a half-space support: with the
+            face itself m rows, a volume constraint as thick as the horizon.
+    """
+
+    dx: float | None = None
+    m: float | None = None
+    delta: float | None = None
+    kernel: Kernel | Influence = Kernel("fractional", 0.0)
+    partial: str = "linear"
+    correction: str | None = None
+    nodes: str = "edge"
+    layers: tuple[tuple[int, int], ...] | None = None
+
+    @property
+    def horizon(self) -> float:
+        """Horizon (m), from `delta` or `m`.
+
+        Raises:
+            ValueError: unless exactly one of them is given, or without a spacing.
+        """
+        if (self.m is None) == (self.delta is None):
+            raise ValueError(
+                f"m: give exactly one of m (got {self.m}) and delta (got {self.delta})"
+            )
+        if self.delta is not None:
+            if not self.delta > 0:
+                raise ValueError(f"delta: {self.delta} must be positive (m)")
+            return float(self.delta)
+        if self.dx is None or not self.dx > 0:
+            raise ValueError(f"dx: {self.dx} must be positive (m) where m is given")
+        if not (self.m or 0) >= 1:
+            raise ValueError(f"m: {self.m} must be at least 1; 3 to 8 is common")
+        return float(self.m or 0) * self.dx
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed displacement components of the points in a region.
+
+    Attributes:
+        region: where.
+        components: displacement (m) per axis; None leaves that component free.
+    """
+
+    region: Region
+    components: tuple[Value | None, ...]
+
+
+@dataclass(frozen=True)
+class Load:
+    """External force on the points in a region.
+
+    Attributes:
+        region: where.
+        components: per axis, force density (N/m^3) or resultant (N).
+        resultant: whether `components` is the resultant, spread evenly by volume.
+    """
+
+    region: Region
+    components: tuple[Value, ...]
+    resultant: bool = False
+
+
+def _components(x: Any, y: Any, z: Any, what: str) -> tuple[Any, Any, Any]:
+    for name, value in zip("xyz", (x, y, z), strict=True):
+        if value is not None and not callable(value) and not np.isfinite(value):
+            raise ValueError(f"{name}: {value} is not finite; {what} must be numbers")
+    return x, y, z
+
+
+def moves(
+    region: Region,
+    *,
+    x: Value | None = None,
+    y: Value | None = None,
+    z: Value | None = None,
+) -> Support:
+    """Prescribe displacements (m) in a region; components left out stay free."""
+    parts = _components(x, y, z, "prescribed displacements")
+    if parts == (None, None, None):
+        raise ValueError("x: moves() needs at least one of x, y, z")
+    return Support(region, parts)
+
+
+def holds(region: Region) -> Support:
+    """Hold a region: all displacement components are zero."""
+    return Support(region, (0.0, 0.0, 0.0))
+
+
+def body_force(
+    region: Region, *, x: Value = 0.0, y: Value = 0.0, z: Value = 0.0
+) -> Load:
+    """A body force density (N/m^3) in a region."""
+    return Load(region, _components(x, y, z, "loads"))
+
+
+def pull(region: Region, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Load:
+    """A resultant force (N), spread over a region in proportion to volume."""
+    return Load(region, _components(x, y, z, "loads"), resultant=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A problem of statics.
+
+    Attributes:
+        body: a `Box`, filled with a lattice, or a `Cloud`.
+        material: `Elastic`, or any bond law (a pytree, see `jaxpd.physics.bond`).
+        supports: prescribed displacements; later ones override earlier ones.
+        loads: external forces; they add up.
+        cracks: bonds that they cut are absent.
+        resolution: how fine, and which nonlocal model.
+        kinematics: "finite" displacements (Newton) or "small" (one linear solve).
+    """
+
+    body: Box | Cloud
+    material: Any
+    supports: tuple[Support, ...] | list[Support] = ()
+    loads: tuple[Load, ...] | list[Load] = ()
+    cracks: tuple[Crack, ...] | list[Crack] = ()
+    resolution: Bonds = Bonds()
+    kinematics: str = "finite"
+
+    def __post_init__(self):
+        """Refuse words that mean nothing."""
+        if self.kinematics not in ("finite", "small"):
+            raise ValueError(
+                f"kinematics: {self.kinematics!r} must be 'finite' or 'small'"
+            )
+
+    @property
+    def d(self) -> int:
+        """Number of space dimensions."""
+        return self.body.d if isinstance(self.body, Cloud) else len(self.body.lo)
+
+    def layers(self) -> tuple[tuple[int, int], ...]:
+        """Layers of points outside the body, per axis and side."""
+        if self.resolution.layers is not None:
+            return self.resolution.layers
+        count = np.zeros((self.d, 2), int)
+        if isinstance(self.body, Box) and self.resolution.dx is not None:
+            depth = round(self.resolution.horizon / self.resolution.dx)
+            for support in self.supports:
+                plane = support.region
+                if not isinstance(plane, HalfSpace) or plane.axis >= self.d:
+                    continue
+                faces = (self.body.lo[plane.axis], self.body.hi[plane.axis])
+                side = 0 if plane.sign < 0 else 1
+                if abs(faces[side] - plane.at) <= 1e-9 * abs(faces[1] - faces[0]):
+                    count[plane.axis, side] = depth - (self.resolution.nodes == "edge")
+        return tuple((int(a), int(b)) for a, b in count)
