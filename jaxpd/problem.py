@@ -231,6 +231,11 @@ def prepare(
     cloud = _cloud(scene)
     X, vol = np.asarray(cloud.X), np.asarray(cloud.vol)
     delta, resolution = scene.resolution.horizon, scene.resolution
+    if cloud.lattice is not None and scene.d > 1 and delta < 1.4 * cloud.lattice.dx:
+        raise ValueError(
+            f"m: {delta / cloud.lattice.dx:g} bonds no diagonal neighbours, and such a "
+            "lattice resists no shear; use m of at least 1.5, 3 to 8 is common"
+        )
     family = find(cloud, delta, partial=resolution.partial, cracks=scene.cracks)
     fixed, values = _supports(scene, X)
     _check_held(X, np.asarray(family.nbr), fixed)

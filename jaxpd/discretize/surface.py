@@ -7,7 +7,7 @@ conventions for V0 are in use and both are needed, by name:
     "lattice"   the lattice sum of the bulk, so that the interior is left as it is;
                 the tables of paper 000 need it
     "analytic"  2 delta, pi delta^2, 4 pi delta^3 / 3, which also scales the interior
-                (by 9 % at m = 3); the figures of paper 002 need it
+                (by 8.9 % at m = 4); the figures of paper 002 need it
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class Family:
     @property
     def present(self) -> BondIndex:
         """Mask [k, n]: True for bonds, False for padding."""
-        return self.nbr != jnp.arange(self.nbr.shape[1], dtype=self.nbr.dtype)
+        return self.nbr != jnp.arange(self.nbr.shape[1], dtype=self.nbr.dtype)[None]
 
     @property
     def n_bonds(self) -> int:

@@ -152,7 +152,8 @@ def pcg(
                 ),
             ),
         )
-        bad = jnp.where(jnp.isfinite(rel), bad, Status.NOT_FINITE)
+        lost = (bad == Status.CONVERGED) & ~jnp.isfinite(rel)
+        bad = jnp.where(lost, Status.NOT_FINITE, bad)
         stop = bad != Status.CONVERGED
         k = s.k + jnp.where(s.checking | stop, 0, 1)
         inside = rel <= rtol

@@ -1,0 +1,73 @@
+"""Every linear solver on the same constrained tangent, against SciPy."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+import scipy.sparse.linalg as spla
+
+from jaxpd import gallery
+from jaxpd.problem import first_system, prepare
+from jaxpd.solvers import LinearSolver, Status
+from jaxpd.solvers.linear import METHODS
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return prepare(gallery.cracked_plate(16, 4, 0.0))
+
+
+@pytest.fixture(scope="module")
+def exact(problem):
+    K, constraints, b = first_system(problem)
+    free = np.flatnonzero(~np.asarray(constraints.fixed).ravel())
+    A = K.to_bsr().tocsr()[free][:, free].tocsc()
+    x = np.zeros(b.size)
+    x[free] = spla.spsolve(A, np.asarray(b).ravel()[free])
+    return x.reshape(b.shape)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_all_solvers_agree_with_scipy(problem, exact, method):
+    solver = problem.solver(method, 1e-10)
+    x, info = jax.jit(solver)(*first_system(problem))
+    assert Status(int(info.status)) is Status.CONVERGED
+    assert np.abs(x - exact).max() <= 1e-7 * np.abs(exact).max()
+    np.testing.assert_array_equal(np.asarray(x)[np.asarray(problem.fixed)], 0.0)
+
+
+def test_amg_needs_few_iterations_and_several_levels(problem):
+    solver = prepare(gallery.cracked_plate(32, 3, 0.0)).solver("amg")
+    assert solver.hierarchy.levels == 2
+    assert solver.hierarchy.sizes[-1] <= 400
+    assert solver.hierarchy.complexity < 1.5
+    assert solver.hierarchy.seconds > 0
+    _, info = jax.jit(solver)(*first_system(problem_of(32)))
+    assert int(info.iterations) <= 10
+
+
+def problem_of(n):
+    return prepare(gallery.cracked_plate(n, 3, 0.0))
+
+
+def test_the_cycle_is_symmetric_and_positive(problem, rng):
+    cycle = problem.solver("amg").hierarchy.apply
+    a, b = rng.normal(size=(2, *problem.fixed.shape))
+    assert (a * cycle(b)).sum() == pytest.approx((b * cycle(a)).sum(), rel=1e-10)
+    free = np.where(problem.fixed, 0.0, a)
+    assert (free * cycle(free)).sum() > 0
+
+
+def test_cg_refuses_what_is_not_symmetric(problem):
+    K, constraints, b = first_system(problem)
+    skew = dataclasses.replace(K, symmetric=False)
+    with pytest.raises(ValueError, match="is for symmetric tangents"):
+        LinearSolver("d-pcg")(skew, constraints, b)
+
+
+def test_unknown_methods_and_missing_hierarchies_are_refused():
+    with pytest.raises(ValueError, match="method: 'magic' must be one of"):
+        LinearSolver("magic")
+    with pytest.raises(ValueError, match="hierarchy: method 'amg' needs one"):
+        LinearSolver("amg")
