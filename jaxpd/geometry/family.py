@@ -102,10 +102,10 @@ def find(
     if cloud.lattice is not None:
         nbr, bulk = _lattice_neighbours(cloud.lattice, delta, partial)
     else:
-        reach = delta * (1 + HORIZON_TOLERANCE)
-        if partial == "continuous":
-            reach += 0.5 * float(np.max(np.asarray(cloud.vol))) ** (1 / cloud.d)
-        nbr, bulk = _tree_neighbours(X, reach), np.zeros(0)
+        size = np.asarray(cloud.vol) ** (1 / cloud.d)
+        rim = 0.25 * size if partial == "continuous" else np.zeros(cloud.n)
+        nbr = _tree_neighbours(X, delta * (1 + HORIZON_TOLERANCE), rim)
+        bulk = np.zeros(0)
     here = np.arange(cloud.n, dtype=np.int32)
     for crack in cracks:
         for row in nbr:  # slot by slot: the masks stay small
@@ -145,9 +145,15 @@ def _lattice_neighbours(
     return nbr[(nbr != here).any(axis=1)], length
 
 
-def _tree_neighbours(X: NDArray[np.floating], reach: float) -> NDArray[np.int32]:
-    pairs = KDTree(X).query_pairs(reach, output_type="ndarray")
+def _tree_neighbours(
+    X: NDArray[np.floating], reach: float, rim: NDArray[np.floating]
+) -> NDArray[np.int32]:
+    """Pairs no further apart than `reach` and the `rim` [n] of both ends."""
+    widest = reach + 2.0 * float(rim.max())
+    pairs = KDTree(X).query_pairs(widest, output_type="ndarray")
     length = np.linalg.norm(X[pairs[:, 0]] - X[pairs[:, 1]], axis=1)
+    near = length <= reach + rim[pairs].sum(axis=1)
+    pairs, length = pairs[near], length[near]
     if len(pairs) and length.min() <= 1e-12 * reach:
         i, j = pairs[np.argmin(length)]
         raise ValueError(f"X: points {i} and {j} coincide at {X[i]}; remove one")

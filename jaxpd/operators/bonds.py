@@ -109,8 +109,12 @@ class BondTangent:
 
     def diagonal(self) -> PointTensor:
         """Block diagonal of K [n, d, d] (N/m), exact."""
-        total = self.parts.sum(axis=0)[None]
-        return BondTangent(self.nbr[:1], total, self.d, self.symmetric).blocks[0]
+        zero = jnp.zeros_like(self.parts[0])
+        total, _ = jax.lax.scan(
+            lambda sum_, part: (sum_ + part, None), zero, self.parts
+        )
+        own = BondTangent(self.nbr[:1], total[None], self.d, self.symmetric)
+        return own.blocks[0]
 
     def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Rows, columns [k n + n] and blocks of K; padding appears as zero blocks."""

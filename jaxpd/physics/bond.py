@@ -64,8 +64,8 @@ class Microelastic:
     """Force proportional to the extension, f = c omega(|xi|) e M (paper 000, eq. 7).
 
     Attributes:
-        c: micromodulus [], [n] or [k, n], positive; its unit is N/m^(2 d + 1) over that
-            of omega, N/m^6 for the PMB material in 3-D.
+        c: micromodulus [], [n] or [k, n], positive. c omega e, with e in m, is a force
+            per volume squared: N/m^6 in 3-D; N/m^4 over a thickness of 1 m in 2-D.
         omega: influence function, a pytree.
     """
 

@@ -16,7 +16,7 @@ def plate(**options):
 
 
 @pytest.mark.parametrize("strain", [1e-3, 1e-2, -1e-2])
-@pytest.mark.parametrize("tangent", ["ad", "hand", "axial"])
+@pytest.mark.parametrize("tangent", ["ad", "axial"])
 def test_two_to_three_steps_up_to_one_per_cent(strain, tangent):
     solution = solve_static(plate(strain=strain), tangent=tangent).checked()
     assert 2 <= solution.iterations <= 3
