@@ -15,8 +15,8 @@ import math
 
 import jax
 import numpy as np
+from _fe_peer import reference_opening, solve_plate
 from _report import Report, is_quick
-from fe_peer import reference_opening, solve_plate
 
 from jaxpd import Problem, prepare, solve_static
 from jaxpd.gallery import CRACK, cracked_plate

@@ -59,12 +59,15 @@ def _refuse_absurd(parser: argparse.ArgumentParser, args: argparse.Namespace) ->
     if not 8 <= args.n <= 256:
         parser.error(f"--n: {args.n} must lie between 8 and 256")
     if not 2 <= args.m <= args.n / 2:
-        parser.error(f"--m: {args.m:g} must lie between 2 and n / 2 = {args.n / 2:g}")
+        parser.error(
+            f"--m: {args.m:g} must lie between 2 and n / 2 = {args.n / 2:g}; "
+            f"add --m {args.n // 4 if args.n >= 8 else 2} or a larger --n"
+        )
     bonds = args.n**2 * np.pi * args.m**2
     if bonds > 2e7:
         parser.error(
             f"--m: {args.m:g} with --n {args.n} makes {bonds:.1e} bonds, more than "
-            "2e7 (about 1 GB); lower one of them"
+            "2e7 (about 3 GB with AMG); lower one of them"
         )
     if not args.alpha < 2:
         parser.error(

@@ -55,7 +55,7 @@ PRINTED_DPCG_BY_M = {
 PRINTED_RTOL = 4e-5
 
 #: Opening at mid-crack over mean strain (m) of the classical plate, u_x = 0 on the
-#: loaded edges; printed with its uncertainty by benchmarks/fe_peer.py.
+#: loaded edges; printed with its uncertainty by benchmarks/_fe_peer.py.
 CLASSICAL_OPENING = 0.57284
 #: The crack of paper 000's Fig. 1: 0.3 m long, in the middle.
 CRACK = segment((-0.15, 0.0), (0.15, 0.0))

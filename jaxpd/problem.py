@@ -16,18 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointVector
-from jaxpd.geometry import (
-    Box,
-    Cloud,
-    Family,
-    find,
-    free_modes,
-    lattice,
-    loose_points,
-    pieces,
-)
+from jaxpd.body import check_held, cloud_of, loads_on, supports_on
+from jaxpd.geometry import Family, find
 from jaxpd.operators import BondForce, BondTangent, Constraints, bond_weights
-from jaxpd.physics import Microelastic, elastic, micromodulus
+from jaxpd.physics import Microelastic, bond_block, elastic, micromodulus
 from jaxpd.scene import Elastic, Kernel, Scene
 from jaxpd.solvers.amg import build_hierarchy
 from jaxpd.solvers.linear import METHODS, LinearSolver
@@ -48,6 +40,7 @@ class Spec:
     correction: str
     tangent: str
     kinematics: str
+    symmetric: bool
     linear: LinearSolver
     newton: Newton
 
@@ -87,7 +80,9 @@ class Problem:
             c = micromodulus(params["E"], spec.nu, spec.state, d, delta, omega)
             law = Microelastic(c, omega)
         weight = bond_weights(X, params["vol"], self.family, delta, spec.correction)
-        operator = BondForce(X, self.family.nbr, weight, law, delta, spec.tangent)
+        operator = BondForce(
+            X, self.family.nbr, weight, law, delta, spec.tangent, spec.symmetric
+        )
         return operator, Constraints(self.fixed, params["prescribed"]), params["load"]
 
     def solve(self, params: Params | None = None) -> tuple[PointVector, NewtonInfo]:
@@ -126,78 +121,6 @@ def first_system(
     return K, constraints, constraints.project(load - K.mv(constraints.lift()))
 
 
-def _values(value: Any, X: np.ndarray) -> np.ndarray:
-    out = np.asarray(value(X) if callable(value) else value, float)
-    if not np.isfinite(out).all():
-        raise ValueError(f"value: {value} gives numbers that are not finite")
-    return np.broadcast_to(out, (len(X),))
-
-
-def _cloud(scene: Scene) -> Cloud:
-    if isinstance(scene.body, Cloud):
-        return scene.body
-    if not isinstance(scene.body, Box):
-        raise ValueError(f"body: {scene.body!r} must be a box() or a cloud of points")
-    resolution = scene.resolution
-    if resolution.dx is None:
-        raise ValueError("dx: None; a box needs a spacing, as in Bonds(dx=1/64, m=8)")
-    return lattice(
-        scene.body.lo,
-        scene.body.hi,
-        resolution.dx,
-        layers=scene.layers(),
-        nodes=resolution.nodes,
-    )
-
-
-def _supports(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    fixed, values = np.zeros(X.shape, bool), np.zeros(X.shape)
-    for support in scene.supports:
-        inside = support.region.contains(X)
-        if not inside.any():
-            raise ValueError(f"supports: no point lies in {support.region}")
-        for axis, value in enumerate(support.components[: scene.d]):
-            if value is not None:
-                fixed[inside, axis] = True
-                values[inside, axis] = _values(value, X[inside])
-    return fixed, values
-
-
-def _loads(scene: Scene, X: np.ndarray, vol: np.ndarray) -> np.ndarray:
-    total = np.zeros(X.shape)
-    for load in scene.loads:
-        inside = load.region.contains(X)
-        if not inside.any():
-            raise ValueError(f"loads: no point lies in {load.region}")
-        share = vol[inside] / (vol[inside].sum() if load.resultant else 1.0)
-        for axis, value in enumerate(load.components[: scene.d]):
-            total[inside, axis] += share * _values(value, X[inside])
-    return total
-
-
-def _check_held(X: np.ndarray, nbr: np.ndarray, fixed: np.ndarray) -> None:
-    if fixed.all():
-        raise ValueError("supports: every displacement is prescribed; nothing to solve")
-    label = pieces(nbr)
-    moving = free_modes(X, fixed, label)
-    if moving:
-        piece, modes = moving[0]
-        points = np.flatnonzero(label == piece)
-        raise ValueError(
-            f"supports: {modes} rigid-body mode(s) of a piece of {len(points)} points "
-            f"(among them point {points[0]} at {X[points[0]]}) are left free, and "
-            f"{len(moving) - 1} more pieces likewise; prescribe displacements that "
-            "stop every translation and rotation of each piece"
-        )
-    loose = loose_points(X, nbr, fixed)
-    if len(loose):
-        raise ValueError(
-            f"delta: {len(loose)} points have all their bonds in one line or plane (the"
-            f" first is point {loose[0]} at {X[loose[0]]}) and no stiffness across; "
-            "make the horizon larger, or prescribe the component across"
-        )
-
-
 def prepare(
     scene: Scene,
     *,
@@ -228,7 +151,19 @@ def prepare(
             word, a tolerance that float32 cannot reach.
     """
     _check_words(solver, tangent, rtol, load_steps)
-    cloud = _cloud(scene)
+    for name, number in (
+        ("max_iterations", max_iterations),
+        ("linear_maxiter", linear_maxiter),
+        ("linear_rtol", 1 if linear_rtol is None else linear_rtol),
+    ):
+        if not number > 0:
+            raise ValueError(f"{name}: {number} must be positive")
+    cloud = cloud_of(scene)
+    if cloud.X.dtype == jnp.float32 and rtol < 1e-3:
+        raise ValueError(
+            f"rtol: {rtol} is out of reach of the body's float32 positions; make the "
+            "cloud after jax.config.update('jax_enable_x64', True)"
+        )
     X, vol = np.asarray(cloud.X), np.asarray(cloud.vol)
     delta, resolution = scene.resolution.horizon, scene.resolution
     if cloud.lattice is not None and scene.d > 1 and delta < 1.4 * cloud.lattice.dx:
@@ -237,14 +172,14 @@ def prepare(
             "lattice resists no shear; use m of at least 1.5, 3 to 8 is common"
         )
     family = find(cloud, delta, partial=resolution.partial, cracks=scene.cracks)
-    fixed, values = _supports(scene, X)
-    _check_held(X, np.asarray(family.nbr), fixed)
+    fixed, values = supports_on(scene, X)
+    check_held(X, np.asarray(family.nbr), fixed)
     params: Params = {
         "X": cloud.X,
         "vol": cloud.vol,
         "delta": jnp.asarray(delta),
         "prescribed": jnp.asarray(values),
-        "load": jnp.asarray(_loads(scene, X, vol)),
+        "load": jnp.asarray(loads_on(scene, X, vol, fixed)),
     }
     correction = resolution.correction
     if correction is None:
@@ -264,7 +199,12 @@ def prepare(
         params |= _elastic_params(material, resolution.kernel)
         model = ("elastic", material.nu, material.state)
     else:
-        params["law"] = jax.tree.map(lambda x: jnp.asarray(x, float), material)
+        if not (hasattr(material, "energy") or hasattr(material, "force")):
+            raise ValueError(
+                f"material: {material!r} must be Elastic, or a law with a method "
+                "energy(xi, eta) or force(xi, eta); see jaxpd.physics.bond"
+            )
+        params["law"] = _floats("material", material)
         model = ("law", None, "")
     kernel = resolution.kernel
     spec = Spec(
@@ -273,10 +213,17 @@ def prepare(
         correction=correction,
         tangent=tangent,
         kinematics=scene.kinematics,
+        symmetric=_is_symmetric(params.get("law"), scene.d),
         linear=LinearSolver("d-pcg", linear_rtol or rtol, linear_maxiter),
-        newton=Newton(rtol, max_iterations, load_steps),
+        newton=Newton(
+            rtol,
+            max_iterations,
+            load_steps,
+            max_total=max(200, load_steps * max_iterations),
+        ),
     )
     problem = Problem(params, family, jnp.asarray(fixed), spec)
+    _check_stiff(problem)
     linear = problem.solver(solver, linear_rtol or rtol)
     linear = LinearSolver(solver, linear.rtol, linear_maxiter, linear.hierarchy)
     spec = Spec(**{**vars(spec), "linear": linear})
@@ -299,10 +246,48 @@ def _check_words(solver: str, tangent: str, rtol: float, load_steps: int) -> Non
         )
 
 
+def _floats(name: str, tree: Any) -> Any:
+    try:
+        return jax.tree.map(lambda x: jnp.asarray(x, float), tree)
+    except TypeError as error:
+        raise ValueError(
+            f"{name}: {tree!r} must be Elastic, a Kernel or a frozen dataclass of "
+            "numbers registered with jax.tree_util.register_dataclass"
+        ) from error
+
+
+def _is_symmetric(law: Any, d: int) -> bool:
+    """Whether tangent blocks are symmetric: by energy, or looked at on random bonds."""
+    if law is None or hasattr(law, "energy"):
+        return True
+    one = jax.tree.map(lambda x: jnp.ravel(x)[0], law)
+    xi, eta = np.random.default_rng(0).normal(size=(2, 8, d))
+    B = np.asarray(jax.vmap(lambda x, e: bond_block(one, x, 0.01 * e))(xi, eta))
+    return bool(np.abs(B - B.transpose(0, 2, 1)).max() <= 1e-8 * np.abs(B).max())
+
+
+@jax.jit
+def _first_diagonal(problem: Problem) -> jax.Array:
+    return first_tangent(problem).diagonal()
+
+
+def _check_stiff(problem: Problem) -> None:
+    """Refuse a kernel or law without positive stiffness in the undeformed body."""
+    blocks = np.asarray(_first_diagonal(problem))
+    trace = np.trace(blocks, axis1=1, axis2=2)
+    if not (np.isfinite(trace) & (trace > 0)).all():
+        bad = int(np.argmin(np.isfinite(trace) & (trace > 0)))
+        raise ValueError(
+            f"kernel: the undeformed body has no positive stiffness at point {bad} "
+            f"(trace of its block {trace[bad]:.3g}); check the influence function's "
+            "moment, the law, and that bonds inside the horizon have weight"
+        )
+
+
 def _elastic_params(material: Elastic, kernel: Any) -> Params:
     params: Params = {"E": jnp.asarray(material.E, float)}
     if not isinstance(kernel, Kernel):
-        params["omega"] = jax.tree.map(lambda x: jnp.asarray(x, float), kernel)
+        params["omega"] = _floats("kernel", kernel)
     elif kernel.name == "fractional":
         params["alpha"] = jnp.asarray(kernel.parameter, float)
     elif kernel.name == "gaussian":

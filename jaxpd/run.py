@@ -65,6 +65,14 @@ class Solution:
     seconds: dict[str, float]
     peak_memory: int
 
+    def __repr__(self) -> str:
+        """One line: sizes, status and counts."""
+        return (
+            f"Solution({self.status.name}, {len(self.u)} points, "
+            f"{self.iterations} Newton iterations, Krylov iterations "
+            f"{self.linear_iterations.tolist()})"
+        )
+
     @property
     def X(self) -> PointVector:
         """Reference positions [n, d] (m)."""
@@ -138,7 +146,8 @@ def solve_static(scene: Scene, **options: Any) -> Solution:
 
     Args:
         scene: what to solve.
-        **options: those of `prepare`.
+        **options: those of `prepare`: solver, tangent, rtol, linear_rtol, load_steps,
+            max_iterations, linear_maxiter.
 
     Returns:
         A `Solution`; call its `checked()` to be sure that it converged.

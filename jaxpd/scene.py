@@ -61,6 +61,12 @@ class Kernel:
     name: str
     parameter: float = 0.0
 
+    def __post_init__(self):
+        """Refuse an unknown name."""
+        known = ("fractional", "constant", "conical", "gaussian")
+        if self.name not in known:
+            raise ValueError(f"name: {self.name!r} must be one of {known}")
+
     def influence(self, d: int, delta: Any) -> Influence:
         """The influence function in d dimensions with horizon `delta` (m)."""
         if self.name == "fractional":
@@ -112,8 +118,10 @@ class Bonds:
             points from elsewhere.
         nodes: "edge" or "cell"; see `jaxpd.geometry.lattice`.
         layers: (below, above) layers of points outside the body, per axis. None puts
-            m - 1 layers outside each face that lies in a half-space support: with the
-            face itself m rows, a volume constraint as thick as the horizon.
+            m - 1 layers outside each face that lies on the plane of a half-space
+            support of all components: with the face itself m rows, a volume constraint
+            as thick as the horizon. Rollers get none: points outside that may slide
+            would carry load of their own.
     """
 
     dx: float | None = None
@@ -258,6 +266,8 @@ class Scene:
                 plane = support.region
                 if not isinstance(plane, HalfSpace) or plane.axis >= self.d:
                     continue
+                if None in support.components[: self.d]:
+                    continue  # points that may slide would carry load of their own
                 faces = (self.body.lo[plane.axis], self.body.hi[plane.axis])
                 side = 0 if plane.sign < 0 else 1
                 if abs(faces[side] - plane.at) <= 1e-9 * abs(faces[1] - faces[0]):

@@ -35,6 +35,7 @@ def test_the_main_job_in_small(tmp_path):
     assert report["picture"] == str(picture)
 
 
+@pytest.mark.slow
 def test_the_table_is_for_people(tmp_path, capsys):
     assert main(["--n", "32", "--out", str(tmp_path), "--solver", "amg"]) == 0
     table = capsys.readouterr().out

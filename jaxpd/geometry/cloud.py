@@ -121,8 +121,8 @@ def from_points(X: PointVector, vol: PointScalar) -> Cloud:
     """A cloud of given positions [n, d] (m) and volumes [n] or [] (m^d).
 
     Raises:
-        ValueError: on wrong shapes, values that are not finite, volumes that are not
-            positive, or coincident points.
+        ValueError: on wrong shapes, values that are not finite, or volumes that are not
+            positive. Coincident points are refused where families are found.
     """
     X_ = np.asarray(X, float)
     if X_.ndim != 2 or not 1 <= X_.shape[1] <= 3 or len(X_) == 0:

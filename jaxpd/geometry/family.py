@@ -8,8 +8,9 @@ that no array of bond vectors is ever stored.
     xi    bond vector X[nbr] - X                   [n, d]  m, of one slot
     beta  share of the neighbour's volume inside the horizon  [k, n]  -
 
-A point is a neighbour if |xi| <= delta (1 + 1e-9): points that round-off moves across a
-horizon of a whole number of spacings stay in. Topology is frozen in a derivative; with
+A point is a neighbour if |xi| <= delta (1 + 1e-9), or 8 units in the last place of its
+position where that is more (float32): points that round-off moves across a horizon of a
+whole number of spacings stay in. Topology is frozen in a derivative; with
 partial="continuous" the sums over a family are continuous where a neighbour enters,
 with "none" and "linear" they jump there.
 
@@ -39,7 +40,7 @@ from jaxpd._types import (
 from jaxpd.geometry.cloud import Cloud, Lattice
 from jaxpd.geometry.crack import Crack
 
-#: Relative widening of the horizon in the neighbour search.
+#: Relative widening of the horizon in the neighbour search, for 64-bit positions.
 HORIZON_TOLERANCE = 1e-9
 PARTIAL_RULES = ("none", "linear", "continuous")
 
@@ -104,10 +105,17 @@ def find(
     else:
         size = np.asarray(cloud.vol) ** (1 / cloud.d)
         rim = 0.25 * size if partial == "continuous" else np.zeros(cloud.n)
-        nbr = _tree_neighbours(X, delta * (1 + HORIZON_TOLERANCE), rim)
+        digits = 8 * float(np.finfo(X.dtype).eps) * float(np.abs(X).max()) / delta
+        reach = delta * (1 + max(HORIZON_TOLERANCE, digits))
+        nbr = _tree_neighbours(X.astype(float), reach, rim)
         bulk = np.zeros(0)
     here = np.arange(cloud.n, dtype=np.int32)
     for crack in cracks:
+        if len(crack.corner) != cloud.d:
+            raise ValueError(
+                f"cracks: {crack} is in {len(crack.corner)}-D and the points are in "
+                f"{cloud.d}-D; use segment() in 2-D, rectangle() in 3-D"
+            )
         for row in nbr:  # slot by slot: the masks stay small
             cut = crack.cuts(X, here, row)
             row[cut] = here[cut]

@@ -21,8 +21,19 @@ AXES = "xyz"
 ROUND_OFF = 1e-10
 
 
+def _same_dimension(X: Points, place: tuple[float, ...], name: str) -> None:
+    if X.shape[1] != len(place):
+        raise ValueError(
+            f"{name}: {place} is a point in {len(place)}-D and the points are in "
+            f"{X.shape[1]}-D; give {X.shape[1]} coordinates"
+        )
+
+
 def _slack(X: Points) -> float:
-    return ROUND_OFF * max(1e-300, float(np.max(np.abs(X), initial=0.0)))
+    round_off = ROUND_OFF
+    if X.dtype.kind == "f":
+        round_off = max(ROUND_OFF, 8 * float(np.finfo(X.dtype).eps))
+    return round_off * max(1e-300, float(np.max(np.abs(X), initial=0.0)))
 
 
 @dataclass(frozen=True)
@@ -34,6 +45,7 @@ class Box:
 
     def contains(self, X: Points) -> NDArray[np.bool_]:
         """Mask [n] of the points X [n, d] in the box, boundary included."""
+        _same_dimension(X, self.lo, "lo")
         tol = _slack(X)
         inside = (np.asarray(self.lo) - tol <= X) & (np.asarray(self.hi) + tol >= X)
         return np.all(inside, axis=1)
@@ -66,6 +78,7 @@ class Ball:
 
     def contains(self, X: Points) -> NDArray[np.bool_]:
         """Mask [n] of the points X [n, d] in the ball, surface included."""
+        _same_dimension(X, self.centre, "centre")
         r = np.linalg.norm(X - np.asarray(self.centre), axis=1)
         return r <= self.radius + _slack(X)
 

@@ -88,8 +88,9 @@ class Conical:
         return jnp.maximum(1.0 - r / self.delta, 0.0)
 
     def moment(self, d: int, delta: Scalar) -> Scalar:
-        """I up to a horizon `delta` no larger than the cone's."""
-        return delta ** (d + 2) * (1.0 / (d + 2) - delta / self.delta / (d + 3))
+        """I over the cone, or up to the horizon `delta` where that is smaller."""
+        R = jnp.minimum(delta, self.delta)
+        return R ** (d + 2) * (1.0 / (d + 2) - R / self.delta / (d + 3))
 
 
 @jax.tree_util.register_dataclass

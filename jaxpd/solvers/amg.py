@@ -113,7 +113,7 @@ def _near_graph(
     """
     n, d = X.shape
     k = min(3**d, n)
-    r, j = (np.asarray(a) for a in KDTree(X).query(X, k=k))
+    r, j = (np.reshape(a, (n, k)) for a in KDTree(X).query(X, k=k))
     i = np.repeat(np.arange(n), k).reshape(n, k)
     reach = NEAR * (1 + 1e-9) * r[:, min(d, k - 1)]
     near = (r <= reach[:, None]) & (j != i)
@@ -227,7 +227,8 @@ def _multilevel(
     i, j, r = _near_graph(blocks, X)
     C: Sparse = sp.csr_array((np.ones(i.size), (i, j)), shape=(n, n))
     B = rigid_modes(X) * free.ravel()[:, None]
-    S, size, levels = _near_laplacian(A, i, j, r, free), d, []
+    S: Sparse = _near_laplacian(A, i, j, r, free)
+    size, levels = d, []
     while True:
         level: Any = MultilevelSolver.Level()
         level.A = A
@@ -240,9 +241,10 @@ def _multilevel(
         if groups.shape[1] == 0 or groups.shape[1] > 0.7 * groups.shape[0]:
             break
         T, B = fit_candidates(groups.astype(np.int8), B)
-        rho: Any = approximate_spectral_radius(S, maxiter=10)
-        S = sp.bsr_array(S, blocksize=(size, size))
-        P = sp.bsr_array(T - (DAMPING / rho) * (S @ T), blocksize=T.blocksize)
+        start = np.random.default_rng(0).normal(size=(A.shape[0], 1))
+        rho: Any = approximate_spectral_radius(S, maxiter=10, initial_guess=start)
+        smoother: Sparse = sp.bsr_array(S, blocksize=(size, size))
+        P = sp.bsr_array(T - (DAMPING / rho) * (smoother @ T), blocksize=T.blocksize)
         size = T.blocksize[1]
         R = sp.bsr_array(P.T, blocksize=T.blocksize[::-1])
         blocks = sp.bsr_array(R @ (blocks @ P), blocksize=(size, size))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -103,7 +103,7 @@ def pcg(
         x0: initial guess, zero by default.
 
     Returns:
-        The best iterate and a `KrylovInfo`; the status is NEGATIVE_CURVATURE if
+        The last iterate and a `KrylovInfo`; the status is NEGATIVE_CURVATURE if
         p . A p <= 0 for a search direction, BREAKDOWN if r . M r <= 0, NOT_FINITE on
         NaN or infinity. The iterate is then the last one before.
     """
@@ -131,10 +131,11 @@ def pcg(
             rz = jnp.vdot(s.r, z)
             return z + jnp.where(jnp.isfinite(s.rz), rz / s.rz, 0.0) * s.p, rz
 
-        p, rz = jax.lax.cond(s.checking, lambda: (s.p, s.rz), direction)
+        turned = jax.lax.cond(s.checking, lambda: (s.p, s.rz), direction)
+        p, rz = cast(tuple[jax.Array, jax.Array], turned)
         Aq = mv(jnp.where(s.checking, s.x, p))
         curvature = jnp.vdot(p, Aq)
-        step = rz / jnp.where(s.checking, 1.0, curvature)
+        step = rz / cast(jax.Array, jnp.where(s.checking, 1.0, curvature))
         r = jnp.where(s.checking, b - Aq, s.r - step * Aq)
         rel = jnp.linalg.norm(r) / scale
         bad = jnp.where(

@@ -13,7 +13,7 @@ again. Every iteration is recorded.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ class Newton:
         rtol: tolerance on the residual relative to that of the first iteration.
         max_iterations: most iterations of a load step, before it is halved.
         load_steps: load steps to begin with.
-        max_halvings: most halvings of a load step.
+        max_halvings: most halvings of load steps, of all together.
         max_cuts: most halvings of one Newton step by the line search.
         max_total: most iterations of all load steps; the length of the history.
     """
@@ -153,7 +153,8 @@ def solve_newton(
         gap = jnp.where(first, constraints.lift(s.target) - prescribed, 0.0)
         b = residual(s.force, s.target) - project(K.mv(gap))
         norm = jnp.linalg.norm(b)
-        ref = jnp.where(first, norm, s.ref)
+        ref = cast(jax.Array, jnp.where(first, norm, s.ref))
+        over = cast(jax.Array, jnp.where(ref > 0, ref, 1.0))
         x, krylov = linear(K, constraints, b)
         du = project(x) + gap
 
@@ -196,7 +197,7 @@ def solve_newton(
             linear_status=jnp.maximum(s.info.linear_status, krylov.status),
             iterations=i + 1,
             load_factor=jnp.where(converged, s.target, s.done),
-            residuals=s.info.residuals.at[i].set(new / jnp.where(ref > 0, ref, 1.0)),
+            residuals=s.info.residuals.at[i].set(new / over),
             loads=s.info.loads.at[i].set(s.target),
             linear_iterations=s.info.linear_iterations.at[i].set(krylov.iterations),
             linear_residuals=s.info.linear_residuals.at[i].set(_last(krylov)),

@@ -58,12 +58,14 @@ def extremes(
         ValueError: if the operator is not positive definite, or `max_steps` do not
             suffice, with the figures reached.
     """
+    # what mv closes over becomes arguments: a stiffness must not be a constant of HLO
+    pure, closed = jax.closure_convert(mv, start)
 
     @jax.jit
-    def advance(carry):
+    def advance(carry, closed):
         def step(carry, _):
             q_old, q, beta = carry
-            w = mv(q) - beta * q_old
+            w = pure(q, *closed) - beta * q_old
             a = jnp.vdot(q, w)
             w = w - a * q
             b = jnp.linalg.norm(w)
@@ -76,7 +78,7 @@ def extremes(
     a_all, b_all = np.zeros(0), np.zeros(0)
     low = high = error = np.nan
     while len(a_all) < max_steps:
-        carry, (a, b) = advance(carry)
+        carry, (a, b) = advance(carry, closed)
         a_all, b_all = np.append(a_all, a), np.append(b_all, b)
         # an exhausted Krylov space ends the process: cut there
         empty = np.flatnonzero(b_all <= 1e-13 * np.abs(a_all).max())

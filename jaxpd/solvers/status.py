@@ -29,12 +29,14 @@ CURES = {
         "preconditioner (solver='amg')"
     ),
     Status.BREAKDOWN: (
-        "the preconditioner is not positive definite on the residual; use "
-        "solver='d-pcg', or rebuild the hierarchy by prepare() for these parameters"
+        "the preconditioner is not positive definite, or the factorisation missed "
+        "rtol: the stiffness is indefinite or nearly singular, or rtol is below "
+        "round-off; loosen rtol, or prepare() anew for these parameters"
     ),
     Status.NEGATIVE_CURVATURE: (
-        "the stiffness is not positive definite: compression has buckled bonds or the "
-        "law softens; use tangent='axial', more load_steps, or solver='direct'"
+        "the stiffness is not positive definite: compression has buckled bonds, the "
+        "law softens, or a part hangs on too few "
+        "bonds; use tangent='axial', more load_steps, or solver='direct'"
     ),
     Status.NOT_FINITE: (
         "NaN or infinity appeared: the tangent is singular, a bond was squeezed to "

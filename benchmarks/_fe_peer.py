@@ -31,7 +31,7 @@ Needs numpy, scipy and scikit-fem.  Example::
     plate.displacement(np.array([[0.2, 0.3]]))  # [[u_x, u_y]], m
     value, uncertainty = reference_opening(clamp_x=True)
 
-Run as a script, ``python benchmarks/fe_peer.py``, it prints opening, error and
+Run as a script, ``python benchmarks/_fe_peer.py``, it prints opening, error and
 time over a sequence of grids.
 """
 

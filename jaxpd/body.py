@@ -1,0 +1,111 @@
+"""A scene laid on points: which points, what is prescribed, what pulls. Host only."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jaxpd.geometry import Box, Cloud, free_modes, lattice, loose_points, pieces
+from jaxpd.scene import Scene
+
+
+def _values(value: Any, X: np.ndarray) -> np.ndarray:
+    out = np.asarray(value(X) if callable(value) else value, float)
+    if not np.isfinite(out).all():
+        raise ValueError(f"value: {value} gives numbers that are not finite")
+    return np.broadcast_to(out, (len(X),))
+
+
+def cloud_of(scene: Scene) -> Cloud:
+    """The points of a scene: its own, or a lattice that fills its box."""
+    if isinstance(scene.body, Cloud):
+        grid, dx = scene.body.lattice, scene.resolution.dx
+        if grid is not None and dx is not None and abs(dx / grid.dx - 1.0) > 1e-6:
+            raise ValueError(f"dx: {dx} is not the spacing {grid.dx} of the body")
+        return scene.body
+    if not isinstance(scene.body, Box):
+        raise ValueError(f"body: {scene.body!r} must be a box() or a cloud of points")
+    resolution = scene.resolution
+    if resolution.dx is None:
+        raise ValueError("dx: None; a box needs a spacing, as in Bonds(dx=1/64, m=8)")
+    return lattice(
+        scene.body.lo,
+        scene.body.hi,
+        resolution.dx,
+        layers=scene.layers(),
+        nodes=resolution.nodes,
+    )
+
+
+def _check_axes(what: str, components: tuple[Any, ...], d: int) -> None:
+    for name, value in zip("xyz"[d:], components[d:], strict=True):
+        if value is not None and (callable(value) or value != 0.0):
+            raise ValueError(
+                f"{what}: {name}={value} does not exist in {d}-D; leave it"
+            )
+
+
+def supports_on(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mask and values (m) of prescribed displacements, both [n, d]."""
+    fixed, values = np.zeros(X.shape, bool), np.zeros(X.shape)
+    for support in scene.supports:
+        inside = support.region.contains(X)
+        if not inside.any():
+            raise ValueError(f"supports: no point lies in {support.region}")
+        _check_axes("supports", support.components, scene.d)
+        for axis, value in enumerate(support.components[: scene.d]):
+            if value is not None:
+                fixed[inside, axis] = True
+                values[inside, axis] = _values(value, X[inside])
+    return fixed, values
+
+
+def loads_on(
+    scene: Scene, X: np.ndarray, vol: np.ndarray, fixed: np.ndarray
+) -> np.ndarray:
+    """External nodal forces [n, d] (N)."""
+    total = np.zeros(X.shape)
+    body = scene.body.contains(X) if isinstance(scene.body, Box) else True
+    for load in scene.loads:
+        _check_axes("loads", load.components, scene.d)
+        # layers outside the body are there for the supports and carry no load
+        inside = load.region.contains(X) & body
+        if not inside.any():
+            raise ValueError(f"loads: no point of the body lies in {load.region}")
+        for axis, value in enumerate(load.components[: scene.d]):
+            if not callable(value) and value == 0.0:
+                continue
+            at = inside & ~fixed[:, axis] if load.resultant else inside
+            if not at.any():
+                raise ValueError(
+                    f"loads: every point in {load.region} is held along {'xyz'[axis]}; "
+                    "nothing is left for the resultant to pull at"
+                )
+            share = vol[at] / (vol[at].sum() if load.resultant else 1.0)
+            total[at, axis] += share * _values(value, X[at])
+    return total
+
+
+def check_held(X: np.ndarray, nbr: np.ndarray, fixed: np.ndarray) -> None:
+    """Refuse a body that can still move freely, or has points without stiffness."""
+    if fixed.all():
+        raise ValueError("supports: every displacement is prescribed; nothing to solve")
+    label = pieces(nbr)
+    moving = free_modes(X, fixed, label)
+    if moving:
+        piece, modes = moving[0]
+        points = np.flatnonzero(label == piece)
+        raise ValueError(
+            f"supports: {modes} rigid-body mode(s) of a piece of {len(points)} points "
+            f"(among them point {points[0]} at {X[points[0]]}) are left free, and "
+            f"{len(moving) - 1} more pieces likewise; prescribe displacements that "
+            "stop every translation and rotation of each piece"
+        )
+    loose = loose_points(X, nbr, fixed)
+    if len(loose):
+        raise ValueError(
+            f"delta: {len(loose)} points have all their bonds in one line or plane (the"
+            f" first is point {loose[0]} at {X[loose[0]]}) and no stiffness across; "
+            "make the horizon larger, or prescribe the component across"
+        )
