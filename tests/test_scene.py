@@ -179,7 +179,7 @@ def test_a_resultant_pulls_at_free_points_of_the_body_alone():
     load, fixed = np.asarray(problem.params["load"]), np.asarray(problem.fixed)
     assert load[~fixed].sum() == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_array_equal(load[fixed], 0.0)
-    held = block(loads=[jaxpd.pull(jaxpd.box((0, 1), (1, 1)), y=1.0)])
+    held = block(loads=[jaxpd.pull(jaxpd.box((0, 0.99), (1, 1.01)), y=1.0)])
     with pytest.raises(ValueError, match="is held along y; nothing is left"):
         prepare(held)
 
@@ -346,7 +346,7 @@ def test_problem_is_a_pytree_whose_indices_are_arguments():
         return len(passed), len(closed)
 
     small, large = size(block()), size(block(resolution=jaxpd.Bonds(dx=1 / 32, m=3)))
-    assert large[0] < 1.02 * small[0]  # no neighbour list became a constant
+    assert large[0] < 1.1 * small[0]  # no neighbour list became a constant
     assert large[1] > 1.5 * large[0]  # as they do where the problem is closed over
     floats = jax.tree.leaves(problem.params)
     assert all(jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in floats)
