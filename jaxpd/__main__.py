@@ -61,7 +61,7 @@ def _refuse_absurd(parser: argparse.ArgumentParser, args: argparse.Namespace) ->
     if not 2 <= args.m <= args.n / 2:
         parser.error(
             f"--m: {args.m:g} must lie between 2 and n / 2 = {args.n / 2:g}; "
-            f"add --m {args.n // 4 if args.n >= 8 else 2} or a larger --n"
+            f"add --m {args.n // 4} or a larger --n"
         )
     bonds = args.n**2 * np.pi * args.m**2
     if bonds > 2e7:
@@ -119,7 +119,8 @@ def _condition(problem: Problem) -> float:
     K, constraints, b = first_system(problem)
     rng = np.random.default_rng(0)
     start = constraints.project(jnp.asarray(rng.normal(size=b.shape)))
-    return extremes(lambda v: constraints.project(K.mv(v)), start).condition
+    found = extremes(lambda v, K, P: P.project(K.mv(v)), start, K, constraints)
+    return found.condition
 
 
 def _printed(n: int, m: float, alpha: float) -> float | None:

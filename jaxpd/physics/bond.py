@@ -38,7 +38,7 @@ SPHERE = {1: 2.0, 2: 2.0 * jnp.pi, 3: 4.0 * jnp.pi}
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
-    """Inner product, written out: mapped over bonds it is 3x faster than `a @ b`."""
+    """Inner product, written out: mapped over bonds it compiles to faster code."""
     return sum((a[i] * b[i] for i in range(1, a.shape[0])), start=a[0] * b[0])
 
 

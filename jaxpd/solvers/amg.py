@@ -109,7 +109,7 @@ def _near_graph(
     """Live near bonds (i, j, length), both directions, sorted.
 
     Candidates are the 3^d - 1 nearest points; a point left without any takes its one
-    shortest live bond (more of them was measured to be worse in torn regions).
+    shortest live bond.
     """
     n, d = X.shape
     k = min(3**d, n)
@@ -148,7 +148,7 @@ def _near_laplacian(
     """D^-1 S with S a scalar Laplacian of the near bonds per component (weights r^-2).
 
     Its diagonal grows by the share of the stiffness that goes to prescribed entries,
-    without which a prolongator ignores the supports (7 to 11 iterations for 5 to 8).
+    without which a prolongator ignores the supports.
     """
     n, d = free.shape
     w = (free[i] & free[j]) / (r**2)[:, None]

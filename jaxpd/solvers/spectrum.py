@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,9 +35,9 @@ class Spectrum:
 
 
 def extremes(
-    mv: Callable[[jax.Array], jax.Array],
+    mv: Callable[..., jax.Array],
     start: jax.Array,
-    *,
+    *operands: Any,
     rtol: float = 1e-4,
     max_steps: int = 5000,
     chunk: int = 50,
@@ -48,8 +49,10 @@ def extremes(
     below `rtol`; each bounds the distance to the nearest eigenvalue.
 
     Args:
-        mv: the operator; a pytree callable or closure, traced once.
+        mv: the operator, called as mv(v, *operands); traced once.
         start: a random vector in the subspace of interest (prescribed entries zero).
+        *operands: pytrees that mv needs. Large ones belong here: what mv closes over
+            becomes a constant of the compiled code.
         rtol: relative accuracy of both ends.
         max_steps: most Lanczos steps.
         chunk: steps between looks at the Ritz values.
@@ -58,14 +61,12 @@ def extremes(
         ValueError: if the operator is not positive definite, or `max_steps` do not
             suffice, with the figures reached.
     """
-    # what mv closes over becomes arguments: a stiffness must not be a constant of HLO
-    pure, closed = jax.closure_convert(mv, start)
 
     @jax.jit
-    def advance(carry, closed):
+    def advance(carry, operands):
         def step(carry, _):
             q_old, q, beta = carry
-            w = pure(q, *closed) - beta * q_old
+            w = mv(q, *operands) - beta * q_old
             a = jnp.vdot(q, w)
             w = w - a * q
             b = jnp.linalg.norm(w)
@@ -78,7 +79,7 @@ def extremes(
     a_all, b_all = np.zeros(0), np.zeros(0)
     low = high = error = np.nan
     while len(a_all) < max_steps:
-        carry, (a, b) = advance(carry, closed)
+        carry, (a, b) = advance(carry, operands)
         a_all, b_all = np.append(a_all, a), np.append(b_all, b)
         # an exhausted Krylov space ends the process: cut there
         empty = np.flatnonzero(b_all <= 1e-13 * np.abs(a_all).max())
