@@ -12,6 +12,8 @@ conventions for V0 are in use and both are needed, by name:
 
 from __future__ import annotations
 
+from typing import Any
+
 from jaxpd._types import BondScalar, PointScalar, PointVector, Scalar
 from jaxpd.geometry.family import (
     Family,
@@ -19,6 +21,7 @@ from jaxpd.geometry.family import (
     bulk_volume,
     neighbourhood_volumes,
 )
+from jaxpd.geometry.grid_family import GridFamily, offset_shares, offset_sums
 
 CONVENTIONS = ("none", "lattice", "analytic")
 
@@ -53,3 +56,29 @@ def volume_correction(
         raise ValueError(f"V0: {V0!r} must be 'lattice' or 'analytic'")
     V = neighbourhood_volumes(vol, family, beta)
     return 2.0 * whole / (V[None, :] + V[family.nbr])
+
+
+def relative_volumes(family: GridFamily, delta: Scalar, dx: Scalar, V0: str) -> Any:
+    """Neighbourhood volumes over V0, v = V / V0 [n] (-), of the points of a lattice.
+
+    The factor of a bond is 2 / (v_i + v_j). In NumPy where delta and dx are NumPy's.
+
+    Args:
+        family: the bonds; those that are missing are missing from V.
+        delta: horizon (m).
+        dx: spacing (m).
+        V0: "lattice" or "analytic".
+
+    Raises:
+        ValueError: on another V0.
+    """
+    d = len(family.shape)
+    beta = offset_shares(family, delta, dx)
+    if V0 == "lattice":
+        whole = 1.0 + 2.0 * beta.sum()
+    elif V0 == "analytic":
+        whole = ball_volume(delta / dx, d)
+    else:
+        raise ValueError(f"V0: {V0!r} must be 'lattice' or 'analytic'")
+    V = 1.0 + offset_sums(family, beta)
+    return V.ravel() / whole

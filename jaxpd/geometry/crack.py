@@ -52,16 +52,26 @@ class Crack:
         side = self.above(X)
         cut = side[i] != side[j]
         across = np.flatnonzero(cut)  # the few that change side are looked at closely
-        a, b = X[np.ravel(i)[across]], X[np.ravel(j)[across]]
+        np.put(
+            cut, across, self.crosses(X[np.ravel(i)[across]], X[np.ravel(j)[across]])
+        )
+        return cut
+
+    def crosses(
+        self, a: NDArray[np.floating], b: NDArray[np.floating]
+    ) -> NDArray[np.bool_]:
+        """Mask [b]: lines from a to b [b, d] meet the plane inside the crack.
+
+        The ends are on different sides, see `above`.
+        """
         ha = (a - np.asarray(self.corner)) @ self.normal
         hb = (b - np.asarray(self.corner)) @ self.normal
         crossing = a + (b - a) * (ha / (ha - hb))[:, None]
-        inside = np.ones(len(across), bool)
+        inside = np.ones(len(a), bool)
         for edge in np.asarray(self.edges):
             t = (crossing - np.asarray(self.corner)) @ edge / (edge @ edge)
             inside &= (t >= -ROUND_OFF) & (t <= 1 + ROUND_OFF)
-        np.put(cut, across, inside)
-        return cut
+        return inside
 
 
 def segment(a: Sequence[float], b: Sequence[float]) -> Crack:

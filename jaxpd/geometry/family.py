@@ -215,9 +215,10 @@ def partial_volume(length: jax.Array, delta: Scalar, dx: jax.Array, rule: str):
     Source: the linear rule of Hu, Ha and Bobaru (2010), as used by the tables of paper
     000 (found by comparison; the paper does not state it).
     """
+    xp = length.__array_namespace__()
     if rule == "none":
-        return jnp.ones_like(length)
-    return jnp.clip((delta - length) / dx + 0.5, 0.0, 1.0)
+        return xp.ones_like(length)
+    return xp.clip((delta - length) / dx + 0.5, 0.0, 1.0)
 
 
 def partial_volumes(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -73,10 +73,13 @@ class _State(NamedTuple):
     p: jax.Array
     rz: jax.Array
     k: jax.Array
-    checking: jax.Array  # this turn recomputes r = b - A x instead of stepping
-    running: jax.Array
+    phase: jax.Array  # of `_STEP`, `_CHECK`, `_END`
     status: jax.Array
     history: jax.Array
+
+
+#: A turn steps, or recomputes r = b - A x, or there is none any more.
+_STEP, _CHECK, _END = range(3)
 
 
 def pcg(
@@ -107,75 +110,79 @@ def pcg(
         p . A p <= 0 for a search direction, BREAKDOWN if r . M r <= 0, NOT_FINITE on
         NaN or infinity. The iterate is then the last one before.
     """
-    M = (lambda r: r) if precondition is None else precondition
-    norm = jnp.linalg.norm(b)
+    shape, dtype = b.shape, b.dtype
+    b = b.ravel()
+    norm = jnp.sqrt(b @ b)
     scale = jnp.where(norm > 0, norm, 1.0)
-    start = jnp.zeros_like(b) if x0 is None else x0
-    first = jnp.linalg.norm(b) / scale if x0 is None else jnp.asarray(jnp.nan, b.dtype)
-    state = _State(
-        x=start,
-        r=b,
-        p=jnp.zeros_like(b),
-        rz=jnp.asarray(jnp.inf, b.dtype),
-        k=jnp.asarray(0, jnp.int32),
-        checking=jnp.asarray(x0 is not None),
-        running=(norm > 0) | jnp.isnan(norm),
-        status=jnp.asarray(Status.CONVERGED, jnp.int32),
-        history=jnp.full(maxiter + 1, jnp.nan, b.dtype).at[0].set(first),
-    )
-    state = state._replace(x=jnp.where(norm > 0, state.x, 0.0))
+    zero = jnp.zeros_like(b)
+    start = zero if x0 is None else jnp.where(norm > 0, x0.ravel(), 0.0)
+    first = norm / scale if x0 is None else jnp.asarray(jnp.nan, dtype)
+
+    def A(v):
+        return mv(v.reshape(shape)).ravel()
+
+    def M(r):
+        return r if precondition is None else precondition(r.reshape(shape)).ravel()
 
     def turn(s: _State) -> _State:
-        def direction():
-            z = M(s.r)
-            rz = jnp.vdot(s.r, z)
-            return z + jnp.where(jnp.isfinite(s.rz), rz / s.rz, 0.0) * s.p, rz
-
-        turned = jax.lax.cond(s.checking, lambda: (s.p, s.rz), direction)
-        p, rz = cast(tuple[jax.Array, jax.Array], turned)
-        Aq = mv(jnp.where(s.checking, s.x, p))
-        curvature = jnp.vdot(p, Aq)
-        step = rz / cast(jax.Array, jnp.where(s.checking, 1.0, curvature))
-        r = jnp.where(s.checking, b - Aq, s.r - step * Aq)
-        rel = jnp.linalg.norm(r) / scale
-        bad = jnp.where(
-            s.checking,
-            Status.CONVERGED,
-            jnp.where(
-                ~(jnp.isfinite(rz) & jnp.isfinite(curvature)),
-                Status.NOT_FINITE,
-                jnp.where(
-                    rz <= 0,
-                    Status.BREAKDOWN,
-                    jnp.where(
-                        curvature <= 0, Status.NEGATIVE_CURVATURE, Status.CONVERGED
-                    ),
-                ),
-            ),
+        check = s.phase == _CHECK
+        z = M(s.r) if precondition is None else jax.lax.cond(check, lambda r: r, M, s.r)
+        rz = s.r @ z
+        p = jnp.where(
+            check, s.p, z + jnp.where(jnp.isfinite(s.rz), rz / s.rz, 0.0) * s.p
         )
+        q = A(jnp.where(check, s.x, p))
+        curvature = p @ q
+        bad = jnp.where(
+            jnp.isfinite(rz) & jnp.isfinite(curvature),
+            jnp.where(
+                rz > 0,
+                jnp.where(curvature > 0, Status.CONVERGED, Status.NEGATIVE_CURVATURE),
+                Status.BREAKDOWN,
+            ),
+            Status.NOT_FINITE,
+        )
+        bad = jnp.where(check, Status.CONVERGED, bad)
+        moving = ~check & (bad == Status.CONVERGED)
+        step = jnp.where(moving, rz / curvature, 0.0)
+        x = jnp.where(moving, s.x + step * p, s.x)
+        r = jnp.where(check, b - q, jnp.where(moving, s.r - step * q, s.r))
+        rel = jnp.sqrt(r @ r) / scale
         lost = (bad == Status.CONVERGED) & ~jnp.isfinite(rel)
         bad = jnp.where(lost, Status.NOT_FINITE, bad)
         stop = bad != Status.CONVERGED
-        k = s.k + jnp.where(s.checking | stop, 0, 1)
+        k = s.k + jnp.where(moving & ~stop, 1, 0)
         inside = rel <= rtol
-        done = s.checking & inside
+        done = check & inside
         late = ~done & ~inside & (k >= maxiter)
         status = jnp.where(stop, bad, jnp.where(late, Status.MAX_ITERATIONS, s.status))
         return _State(
-            x=jnp.where(s.checking | stop, s.x, s.x + step * p),
-            r=jnp.where(stop, s.r, r),
+            x=x,
+            r=r,
             p=p,
             # after a check that failed, restart along the preconditioned residual
-            rz=jnp.where(s.checking, jnp.inf, rz),
+            rz=jnp.where(check, jnp.inf, rz),
             k=k,
-            checking=~s.checking & inside,
-            running=~(done | stop | late),
+            phase=jnp.where(
+                done | late | stop, _END, jnp.where(~check & inside, _CHECK, _STEP)
+            ),
             status=status.astype(jnp.int32),
             history=s.history.at[k].set(jnp.where(stop, s.history[k], rel)),
         )
 
-    end = jax.lax.while_loop(lambda s: s.running, turn, state)
-    return end.x, KrylovInfo(end.status, end.k, end.history)
+    begin = jnp.where(norm == 0, _END, _STEP if x0 is None else _CHECK)
+    state = _State(
+        x=start,
+        r=b,
+        p=zero,
+        rz=jnp.asarray(jnp.inf, dtype),
+        k=jnp.asarray(0, jnp.int32),
+        phase=begin,
+        status=jnp.asarray(Status.CONVERGED, jnp.int32),
+        history=jnp.full(maxiter + 1, jnp.nan, dtype).at[0].set(first),
+    )
+    end = jax.lax.while_loop(lambda s: s.phase != _END, turn, state)
+    return end.x.reshape(shape), KrylovInfo(end.status, end.k, end.history)
 
 
 def point_jacobi(blocks: jax.Array) -> Map:

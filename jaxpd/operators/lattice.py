@@ -1,0 +1,299 @@
+"""The stiffness of an undeformed lattice: one block an offset, times a factor a bond.
+
+    K = sum over bonds  F_ij B_o (e_i - e_j)(e_i - e_j)^T,    j = i + o
+
+The block B_o is the same for all bonds of an offset. What differs from bond to bond is
+a factor made of nodal fields: the volume correction 2 / (v_i + v_j), v = V / V0, and
+the mean of a relative modulus, (c_i + c_j) / 2. Missing bonds are taken out one by one.
+
+The lattice is laid out as one long row with empty places between its lines, so that a
+step along any axis is a shift of the row, and a step off the lattice meets an empty
+place: there u = c = 0 and v = inf, hence F = 0. The offsets are swept line by line: a
+`lax.scan` over their steps along the leading axes, written out along the last axis.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from jax.core import Tracer
+from jax.lax import dynamic_slice_in_dim
+from numpy.typing import NDArray
+
+from jaxpd._types import PointScalar, PointTensor, PointVector
+from jaxpd.geometry.grid_family import GridFamily
+
+
+def index_pairs(d: int) -> list[tuple[int, int]]:
+    """Entries of a symmetric block that are kept: the upper triangle, row by row."""
+    return [(a, b) for a in range(d) for b in range(a, d)]
+
+
+def full_blocks(parts: Any, d: int) -> Any:
+    """Blocks [..., d, d] from their upper triangles [..., q]."""
+    at = np.zeros((d, d), int)
+    for q, (a, b) in enumerate(index_pairs(d)):
+        at[a, b] = at[b, a] = q
+    return parts[..., at]
+
+
+def assemble_pairs(
+    n: int, i: NDArray[np.integer], j: NDArray[np.integer], blocks: NDArray
+) -> sp.bsr_matrix:
+    """BSR matrix [n d, n d] of bonds (i, j) [b] with blocks [b, d, d], on the host."""
+    d = blocks.shape[-1]
+    ends, flat = np.concatenate([i, j]), blocks.reshape(-1, d * d)
+    own = [np.bincount(ends, np.tile(entry, 2), n) for entry in flat.T]
+    data = np.concatenate([np.stack(own, axis=1), -flat]).reshape(-1, d, d)
+    here, bond = np.arange(n), n + np.arange(len(i))
+    rows, cols = np.concatenate([here, ends]), np.concatenate([here, j, i])
+    which = np.concatenate([here, bond, bond])
+    order = sp.csr_matrix((which, (rows, cols)), shape=(n, n))
+    order.sort_indices()
+    data = data[order.data.astype(np.intp)]
+    return sp.bsr_matrix((data, order.indices, order.indptr), shape=(n * d, n * d))
+
+
+def _whole(length: int) -> int:
+    """Whole vectors: loops of other lengths may take several times as long on a CPU."""
+    return -(-length // 64) * 64
+
+
+class _Row:
+    """The lattice as one row, lines apart by the reach of the bonds."""
+
+    def __init__(self, family: GridFamily):
+        self.shape, self.reach = family.shape, family.reach
+        pitch = [n + int(r) for n, r in zip(self.shape, self.reach, strict=True)][1:]
+        self.gaps = [(0, 0)] + [(0, int(r)) for r in self.reach[1:]]
+        self.lines = (self.shape[0], *pitch)
+        self.strides = np.cumprod((1, *pitch[::-1]))[::-1].astype(int)
+        self.used = self.shape[0] * int(self.strides[0])
+        self.length = _whole(self.used)
+        self.last = int(self.reach[-1])
+        self.front = int(self.reach @ self.strides)
+        self.margin = self.front + self.last
+
+    def lay(self, values: jax.Array, empty: float) -> jax.Array:
+        """Nodal values [..., n] along the row, with margins, `empty` in between."""
+        lead = [(0, 0)] * (values.ndim - 1)
+        grid = values.reshape(*values.shape[:-1], *self.shape)
+        grid = jnp.pad(grid, lead + self.gaps, constant_values=empty)
+        row = grid.reshape(*values.shape[:-1], self.used)
+        ends = [*lead, (self.margin, self.margin + self.length - self.used + 64)]
+        return jnp.pad(row, ends, constant_values=empty)
+
+    def pick(self, row: jax.Array) -> jax.Array:
+        """Nodal values [..., n] from a row without margins."""
+        grid = row[..., : self.used].reshape(*row.shape[:-1], *self.lines)
+        return grid[(..., *map(slice, self.shape))].reshape(*row.shape[:-1], -1)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class LatticeTangent:
+    """Stiffness of an undeformed lattice by shifted slices; no index lists.
+
+    Attributes:
+        parts: upper triangle of the weighted block of every offset [k, q] (N/m).
+        v: neighbourhood volumes over V0 [n] (-), or None without correction.
+        c: modulus relative to that of `parts` [n] (-), or None where it is 1.
+        family: the bonds.
+    """
+
+    parts: Any
+    v: PointScalar | None
+    c: PointScalar | None
+    family: GridFamily
+
+    symmetric = True
+
+    @property
+    def d(self) -> int:
+        """Space dimensions."""
+        return len(self.family.shape)
+
+    def factor(self, i: Any, j: Any) -> Any:
+        """Factor F of the bonds between points i and j (index arrays or slices)."""
+        f = 1.0
+        if self.v is not None:
+            f = 2.0 / (self.v[i] + self.v[j])
+        if self.c is not None:
+            f = f * 0.5 * (self.c[i] + self.c[j])
+        return f
+
+    def _cast(self, dtype: Any) -> LatticeTangent:
+        """The same with JAX arrays as leaves, numbers in `dtype`."""
+        parts, v, c = jax.tree.map(
+            lambda leaf: jnp.asarray(leaf, dtype), (self.parts, self.v, self.c)
+        )
+        cut = jnp.asarray(self.family.cut)
+        family = dataclasses.replace(self.family, cut=cut)
+        return LatticeTangent(parts, v, c, family)
+
+    def _table(self, row: _Row) -> tuple[NDArray, NDArray, jax.Array]:
+        """Steps by lines: hops [l], steps on the last axis [s], blocks [l, s, d, d]."""
+        steps = self.family.steps
+        lead, line = np.unique(steps[:, :-1], axis=0, return_inverse=True)
+        last, column = np.unique(steps[:, -1], return_inverse=True)
+        blocks = full_blocks(self.parts, self.d)
+        table = jnp.zeros((len(lead), len(last), self.d, self.d), blocks.dtype)
+        hops = (lead @ row.strides[:-1]).astype(np.int32)
+        return hops, last, table.at[line.ravel(), column.ravel()].set(blocks)
+
+    def _factors(self, row: _Row, last: NDArray, dtype: Any):
+        """A function of a hop: factors [length] of the bonds ahead and behind."""
+        v = None if self.v is None else row.lay(self.v, np.inf)
+        c = None if self.c is None else row.lay(self.c, 0.0)
+        on = row.lay(jnp.ones(self.family.n, dtype), 0.0)
+        size, R = _whole(row.front + row.length), row.last
+
+        def of_hop(hop):
+            def near(x):
+                return x[R : R + size]
+
+            def far(x, step):
+                window = dynamic_slice_in_dim(x, hop, size + 2 * R)
+                return window[R + step : R + step + size]
+
+            pairs = []
+            for step in last:
+                if v is None:
+                    f = 0.5 * (near(c) * far(on, step) + far(c, step) * near(on))
+                elif c is None:
+                    f = 2.0 / (near(v) + far(v, step))
+                else:
+                    f = (near(c) + far(c, step)) / (near(v) + far(v, step))
+                pairs.append(f)
+            # kept: a factor serves both ends of a bond and costs a division
+            pairs, length = jax.lax.optimization_barrier(pairs), row.length
+            back = row.front - hop
+            return [
+                (
+                    f[row.front : row.front + length],
+                    dynamic_slice_in_dim(f, back - step, length),
+                )
+                for f, step in zip(pairs, last, strict=True)
+            ]
+
+        return of_hop
+
+    def _missing(self) -> tuple[Any, Any, jax.Array]:
+        """Ends [b] of the missing bonds and their weighted blocks [b, d, d]."""
+        i, j = self.family.cut_ends()
+        blocks = full_blocks(self.parts, self.d)[self.family.cut[1]]
+        factor = jnp.broadcast_to(self.factor(i, j), i.shape)
+        return i, j, blocks * factor[:, None, None].astype(blocks.dtype)
+
+    def mv(self, du: PointVector) -> PointVector:
+        """K du [n, d] (N), in the precision of du."""
+        K, row, d = self._cast(du.dtype), _Row(self.family), self.d
+        hops, last, table = K._table(row)
+        plain = K.v is None and K.c is None
+        factors = None if plain else K._factors(row, last, du.dtype)
+        U = [row.lay(du[:, a], 0.0) for a in range(d)]
+        R, size = row.last, row.length
+        here = [x[row.margin : row.margin + size] for x in U]
+
+        def add_line(force, line):
+            hop, blocks = line
+            start, force = row.margin - R, list(force)
+            ahead = [dynamic_slice_in_dim(x, start + hop, size + 2 * R) for x in U]
+            behind = [dynamic_slice_in_dim(x, start - hop, size + 2 * R) for x in U]
+            pairs = factors(hop) if factors else [None] * len(last)
+            for s, (step, pair) in enumerate(zip(last, pairs, strict=True)):
+                p = [x[R + step : R + step + size] for x in ahead]
+                q = [x[R - step : R - step + size] for x in behind]
+                for b in range(d):
+                    if pair is None:
+                        e = -(p[b] + q[b])
+                    else:
+                        e = pair[0] * (here[b] - p[b]) + pair[1] * (here[b] - q[b])
+                    for a in range(d):
+                        force[a] = force[a] + blocks[s, a, b] * e
+            return tuple(force), None
+
+        zero = tuple(jnp.zeros_like(x) for x in here)
+        force = jnp.stack(jax.lax.scan(add_line, zero, (hops, table))[0])
+        force = row.pick(force)
+        if plain:
+            own = K._boxed_sums()
+            for b in range(d):
+                force = force + own[:, b] * du[:, b][None]
+        force = force.T
+        if self.family.cut.shape[1]:
+            i, j, blocks = K._missing()
+            pull = jnp.einsum("bpq,bq->bp", blocks, du[i] - du[j], precision="highest")
+            force = force.at[i].add(-pull, indices_are_sorted=True).at[j].add(pull)
+        return force
+
+    def _boxed_sums(self) -> jax.Array:
+        """Sums [d, d, n] of the blocks of all steps that stay on the lattice."""
+        family, d = self.family, self.d
+        steps = family.steps
+        blocks = full_blocks(self.parts, d)
+        cube = jnp.zeros((*(2 * family.reach + 1), d, d), blocks.dtype)
+        for sign in (1, -1):
+            cube = cube.at[tuple((family.reach + sign * steps).T)].set(blocks)
+        for n, r in zip(family.shape, family.reach, strict=True):
+            to = jnp.arange(n)[:, None] + jnp.arange(-r, r + 1)[None]
+            stays = ((to >= 0) & (to < n)).astype(cube.dtype)
+            cube = jnp.tensordot(cube, stays, axes=((0,), (1,)), precision="highest")
+        return cube.reshape(d, d, family.n)
+
+    def diagonal(self) -> PointTensor:
+        """Block diagonal of K [n, d, d] (N/m), exact."""
+        dtype = jnp.result_type(
+            *(leaf for leaf in (self.parts, self.v, self.c) if leaf is not None)
+        )
+        K, row, d = self._cast(dtype), _Row(self.family), self.d
+        if K.v is None and K.c is None:
+            own = K._boxed_sums()
+        else:
+            hops, last, table = K._table(row)
+            factors = K._factors(row, last, dtype)
+
+            def add_line(total, line):
+                hop, blocks = line
+                for block, (f, g) in zip(blocks, factors(hop), strict=True):
+                    total = total + block[:, :, None] * (f + g)[None, None]
+                return total, None
+
+            zero = jnp.zeros((d, d, row.length), dtype)
+            own = row.pick(jax.lax.scan(add_line, zero, (hops, table))[0])
+        own = jnp.moveaxis(own, -1, 0)
+        if self.family.cut.shape[1]:
+            i, j, blocks = K._missing()
+            own = own.at[i].add(-blocks, indices_are_sorted=True).at[j].add(-blocks)
+        return own
+
+    def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Rows, columns and blocks of K; traced cuts appear as blocks that cancel."""
+        family, traced = self.family, isinstance(self.family.cut, Tracer)
+        if traced:
+            family = dataclasses.replace(family, cut=np.zeros((2, 0), np.int32))
+        i, j, slot = family.ends()
+        own = self.diagonal()
+        K = self._cast(own.dtype)
+        factor = jnp.broadcast_to(K.factor(i, j), i.shape).astype(own.dtype)
+        blocks = full_blocks(K.parts, self.d)[slot] * factor[:, None, None]
+        here = jnp.arange(family.n, dtype=np.int32)
+        rows, cols, off = [here, i, j], [here, j, i], [own, -blocks, -blocks]
+        if traced:
+            i, j, blocks = K._missing()
+            rows, cols, off = [*rows, i, j], [*cols, j, i], [*off, blocks, blocks]
+        return jnp.concatenate(rows), jnp.concatenate(cols), jnp.concatenate(off)
+
+    def to_bsr(self) -> sp.bsr_matrix:
+        """K as a SciPy BSR matrix on the host, missing bonds absent."""
+        K = jax.tree.map(np.asarray, self)
+        i, j, slot = K.family.ends()
+        factor = np.broadcast_to(K.factor(i, j), i.shape)
+        blocks = full_blocks(K.parts, self.d)[slot] * factor[:, None, None]
+        return assemble_pairs(self.family.n, i, j, blocks)

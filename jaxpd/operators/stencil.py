@@ -1,0 +1,300 @@
+"""Bond forces on a lattice at finite displacements: any law, no index lists.
+
+The offsets of `GridFamily` are swept in a `lax.scan`. All bonds of an offset share xi,
+so that whatever of a law depends on the length alone is computed once, and the
+neighbours of all points are the row of points, shifted. Every bond is met once,
+
+    force_i += w f(xi, u_j - u_i),    force_j -= the same,    j = i + o,
+
+with w = weight_o * 2 / (v_i + v_j) * scale. A point whose neighbour would lie off the
+lattice, and a missing bond, see eta = 0 and w = 0: no force, and none in a derivative.
+Missing bonds are one bit each of a mask [ceil(k / 32), n], made from their short list.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from jax.core import Tracer
+from jax.lax import dynamic_slice_in_dim, dynamic_update_slice_in_dim
+
+from jaxpd._types import BondScalar, PointScalar, PointTensor, PointVector, Scalar
+from jaxpd.geometry.grid_family import GridFamily
+from jaxpd.operators.lattice import LatticeTangent, assemble_pairs, index_pairs
+from jaxpd.physics.bond import Microelastic, bond_block, bond_energy, bond_force
+
+
+def _missing_bits(family: GridFamily) -> jax.Array:
+    """Mask [ceil(k / 32), n], uint32: a bit is set where a bond is missing."""
+    i, slot = (jnp.asarray(x) for x in family.cut)
+    bits = jnp.zeros((-(-len(family.offsets) // 32), family.n), jnp.uint32)
+    bit = jnp.left_shift(jnp.uint32(1), (slot % 32).astype(jnp.uint32))
+    return bits.at[slot // 32, i].add(bit)  # every bond is listed once: add is or
+
+
+def _axes(law: Any) -> Any:
+    return jax.tree.map(lambda leaf: 0 if jnp.ndim(leaf) else None, law)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class StencilForce:
+    """Nodal forces of the bonds of a lattice, behind the protocol of operators.
+
+    Attributes:
+        family: the bonds.
+        dx: spacing [] (m).
+        weight: vol_i vol_j times the partial share, of every offset [k] (m^2d).
+        v: neighbourhood volumes over V0 [n] (-), or None without correction.
+        scale: factor of every bond [k, n] (-), at its first end, or None.
+        law: bond law, a pytree; leaves are [], [n] (a bond takes the mean of its ends)
+            or [k, n] (at the first end of a bond).
+        blocks: "ad" (default), "hand" or "axial": where tangent blocks come from.
+        symmetric: whether blocks are symmetric, as they are if an energy exists.
+    """
+
+    family: GridFamily
+    dx: Scalar
+    weight: jax.Array
+    v: PointScalar | None
+    scale: BondScalar | None
+    law: Any
+    blocks: str = field(metadata={"static": True}, default="ad")
+    symmetric: bool = field(metadata={"static": True}, default=True)
+
+    unit = "N"
+
+    def _check(self) -> None:
+        k, n = len(self.family.offsets), self.family.n
+        for leaf in jax.tree.leaves(self.law):
+            if jnp.shape(leaf) not in ((), (n,), (k, n)):
+                raise ValueError(
+                    f"law: a leaf of {type(self.law).__name__} has shape "
+                    f"{jnp.shape(leaf)}; it must be [], [n] = [{n}] or [k, n] = "
+                    f"[{k}, {n}]"
+                )
+
+    def _sweep(self, measure: Callable[..., Any], fields: tuple, shape: tuple, sign):
+        """Sum of w * measure(law, xi, *differences) over the bonds of every point.
+
+        Args:
+            measure: of one bond, [*shape].
+            fields: nodal fields [n, d] whose differences along bonds are passed on.
+            shape: shape of the measure.
+            sign: of the share of the second end, 1 or -1.
+
+        Returns:
+            Sums [*shape, n].
+        """
+        self._check()
+        family, n = self.family, self.family.n
+        hop = (family.steps @ family.strides).astype(np.int32)
+        tail = int(hop.max())
+        at = jnp.stack(jnp.unravel_index(jnp.arange(n, dtype=jnp.int32), family.shape))
+        room = jnp.asarray(family.shape, jnp.int32)
+        bits = _missing_bits(family) if family.cut.shape[1] else None
+        leaves, tree = jax.tree.flatten(self.law)
+        leaves = [jnp.asarray(leaf) for leaf in leaves]
+        nodal = [leaf for leaf in leaves if leaf.ndim == 1]
+        per_bond = [leaf for leaf in leaves if leaf.ndim == 2]
+        each = jax.vmap(
+            measure,
+            in_axes=(_axes(self.law), None, *[1] * len(fields)),
+            out_axes=-1,
+        )
+
+        def stretched(x):
+            return jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, tail)], mode="edge")
+
+        long_fields = [stretched(x.T) for x in fields]
+        long_nodal = [stretched(x) for x in nodal]
+        long_v = None if self.v is None else stretched(self.v)
+        steps = jnp.asarray(family.steps, jnp.int32)
+        slots = jnp.arange(len(hop), dtype=jnp.int32)
+
+        @jax.checkpoint  # backwards, bonds are computed again and not kept
+        def pulls(item):
+            slot, hop, step, weight, scale, scanned = item
+            to = at + step[:, None]
+            live = ((to >= 0) & (to < room[:, None])).all(axis=0)
+            if bits is not None:
+                word = bits[slot // 32] >> (slot % 32).astype(jnp.uint32)
+                live &= (word & 1) == 0
+
+            def far(x):
+                return dynamic_slice_in_dim(x, hop, n, axis=x.ndim - 1)
+
+            means = iter([0.5 * (x[:n] + far(x)) for x in long_nodal])
+            local = {1: means, 2: iter(scanned)}
+            law = jax.tree.unflatten(
+                tree, [next(local[x.ndim]) if x.ndim else x for x in leaves]
+            )
+            eta = [jnp.where(live, far(x) - x[:, :n], 0.0) for x in long_fields]
+            w = weight
+            if long_v is not None:
+                w = w * 2.0 / (long_v[:n] + far(long_v))
+            if scale is not None:
+                w = w * scale
+            value = each(law, step * self.dx, *eta)
+            w = jax.lax.select(live, jnp.broadcast_to(w, (n,)), jnp.zeros(n, w.dtype))
+            return w.reshape((1,) * len(shape) + (n,)) * value
+
+        def add(totals, item):
+            own, others = totals
+            value, hop = pulls(item), item[1]
+            there = dynamic_slice_in_dim(others, hop, n, axis=len(shape))
+            others = dynamic_update_slice_in_dim(
+                others, there + sign * value, hop, axis=len(shape)
+            )
+            return (own + value, others), None
+
+        dtype = jnp.result_type(*fields, self.weight, self.dx)
+        zero = jnp.zeros((*shape, n), dtype), jnp.zeros((*shape, n + tail), dtype)
+        items = (slots, jnp.asarray(hop), steps, self.weight, self.scale, per_bond)
+        own, others = jax.lax.scan(add, zero, items)[0]
+        return own + others[..., :n]
+
+    def respond(self, u: PointVector, history: None = None) -> PointVector:
+        """Internal force [n, d] (N) on every point; minus the gradient of `energy`."""
+        return self._sweep(bond_force, (u,), u.shape[1:], -1).T
+
+    def energy_per_point(self, u: PointVector, history: None = None) -> PointScalar:
+        """Stored energy of each point [n] (J): half of that of its bonds."""
+        return 0.5 * self._sweep(bond_energy, (u,), (), 1)
+
+    def energy(self, u: PointVector, history: None = None) -> Scalar:
+        """Stored energy [] (J); each bond is counted once."""
+        return jnp.sum(self.energy_per_point(u))
+
+    def advance(self, u: PointVector, history: None = None) -> None:
+        """Elastic bonds remember nothing."""
+
+    def history0(self) -> None:
+        """Elastic bonds remember nothing."""
+
+    def tangent(self, u: PointVector, history: None = None) -> StencilTangent:
+        """Stiffness at u; blocks are computed where they are needed and not kept."""
+        return StencilTangent(self, u)
+
+    def rest(self) -> LatticeTangent:
+        """Stiffness of the undeformed lattice: one block an offset.
+
+        Raises:
+            ValueError: if a bond of an offset differs from the next by more than nodal
+                volumes and the modulus c of a `Microelastic` law, or with blocks that
+                are not symmetric.
+        """
+        law, c = self.law, None
+        if not self.symmetric:
+            raise ValueError("symmetric: a lattice tangent keeps symmetric blocks only")
+        if self.scale is not None:
+            raise ValueError("scale: bonds of an offset differ; use tangent(u)")
+        if isinstance(law, Microelastic) and jnp.shape(law.c) == (self.family.n,):
+            law, c = dataclasses.replace(law, c=jnp.ones_like(law.c[0])), law.c
+        if any(jnp.ndim(leaf) for leaf in jax.tree.leaves(law)):
+            raise ValueError(
+                f"law: bonds of an offset differ by leaves of {type(law).__name__}; "
+                "only a nodal c of Microelastic may vary; use tangent(u)"
+            )
+        parts = _rest_parts(law, self.family.steps * self.dx, self.weight, self.blocks)
+        return LatticeTangent(parts, self.v, c, self.family)
+
+
+@jax.jit(static_argnums=3)
+def _rest_parts(law: Any, xi: jax.Array, weight: jax.Array, how: str) -> jax.Array:
+    """Upper triangles [k, q] of the weighted blocks at rest of bonds xi [k, d]."""
+
+    def entries(xi, weight):
+        block = bond_block(law, xi, jnp.zeros_like(xi), how)
+        return weight * jnp.stack([block[a, b] for a, b in index_pairs(xi.shape[0])])
+
+    return jax.vmap(entries)(xi, weight)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class StencilTangent:
+    """Stiffness of a lattice at a displacement, matrix-free.
+
+    Attributes:
+        op: the operator.
+        u: the displacement [n, d] (m) about which it is linear.
+    """
+
+    op: StencilForce
+    u: PointVector
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether K is symmetric."""
+        return self.op.symmetric
+
+    def mv(self, du: PointVector) -> PointVector:
+        """K du [n, d] (N): a derivative of the force along du, or blocks times du."""
+
+        def change(law, xi, eta, deta):
+            if self.op.blocks == "ad":
+                return jax.jvp(lambda e: bond_force(law, xi, e), (eta,), (deta,))[1]
+            return bond_block(law, xi, eta, self.op.blocks) @ deta
+
+        return -self.op._sweep(change, (self.u, du), self.u.shape[1:], -1).T
+
+    def diagonal(self) -> PointTensor:
+        """Block diagonal of K [n, d, d] (N/m), exact."""
+        d = self.u.shape[1]
+
+        block = partial(bond_block, how=self.op.blocks)
+        return jnp.moveaxis(self.op._sweep(block, (self.u,), (d, d), 1), -1, 0)
+
+    def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Rows, columns and blocks of K; traced cuts leave blocks of zeros."""
+        family, traced = self.op.family, isinstance(self.op.family.cut, Tracer)
+        if traced:
+            family = dataclasses.replace(family, cut=np.zeros((2, 0), np.int32))
+        i, j, slot = family.ends()
+        blocks = _pair_blocks(self, i, j, slot)
+        if traced:
+            word = _missing_bits(self.op.family)[slot // 32, i]
+            live = (word >> (slot % 32).astype(np.uint32)) & 1 == 0
+            blocks = blocks * live[:, None, None]
+        here = jnp.arange(family.n, dtype=np.int32)
+        return (
+            jnp.concatenate([here, i, j]),
+            jnp.concatenate([here, j, i]),
+            jnp.concatenate([self.diagonal(), -blocks, -blocks]),
+        )
+
+    def to_bsr(self) -> sp.bsr_matrix:
+        """K as a SciPy BSR matrix on the host, missing bonds absent."""
+        i, j, slot = self.op.family.ends()
+        blocks = np.asarray(_pair_blocks(self, i, j, slot))
+        return assemble_pairs(self.op.family.n, i, j, blocks)
+
+
+@jax.jit
+def _pair_blocks(K: StencilTangent, i: Any, j: Any, slot: Any) -> jax.Array:
+    """Weighted blocks [b, d, d] of the bonds from points i to j [b]."""
+    op = K.op
+
+    def local(leaf):
+        if jnp.ndim(leaf) == 2:
+            return leaf[slot, i]
+        return 0.5 * (leaf[i] + leaf[j]) if jnp.ndim(leaf) else leaf
+
+    w = op.weight[slot]
+    if op.v is not None:
+        w = w * 2.0 / (op.v[i] + op.v[j])
+    if op.scale is not None:
+        w = w * op.scale[slot, i]
+    each = jax.vmap(partial(bond_block, how=op.blocks), in_axes=(_axes(op.law), 0, 0))
+    xi = jnp.asarray(op.family.steps)[slot] * op.dx
+    eta = K.u[j] - K.u[i]
+    return w[:, None, None] * each(jax.tree.map(local, op.law), xi, eta)
