@@ -19,7 +19,9 @@ from jaxpd.geometry import (
     segment,
     union,
 )
-from jaxpd.run import Problem, Solution, prepare, solve_static
+from jaxpd.prepare import prepare
+from jaxpd.problem import Problem
+from jaxpd.run import Solution, solve_static
 from jaxpd.scene import (
     Bonds,
     Elastic,

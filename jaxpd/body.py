@@ -6,7 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.geometry import Box, Cloud, free_modes, lattice, loose_points, pieces
+from jaxpd.geometry import (
+    Box,
+    Cloud,
+    Family,
+    GridFamily,
+    free_modes,
+    grid_loose_points,
+    grid_pieces,
+    lattice,
+    loose_points,
+    pieces,
+)
 from jaxpd.scene import Scene
 
 
@@ -87,11 +98,12 @@ def loads_on(
     return total
 
 
-def check_held(X: np.ndarray, nbr: np.ndarray, fixed: np.ndarray) -> None:
+def check_held(X: np.ndarray, family: Family | GridFamily, fixed: np.ndarray) -> None:
     """Refuse a body that can still move freely, or has points without stiffness."""
     if fixed.all():
         raise ValueError("supports: every displacement is prescribed; nothing to solve")
-    label = pieces(nbr)
+    grid = isinstance(family, GridFamily)
+    label = grid_pieces(family) if grid else pieces(np.asarray(family.nbr))
     moving = free_modes(X, fixed, label)
     if moving:
         piece, modes = moving[0]
@@ -102,7 +114,10 @@ def check_held(X: np.ndarray, nbr: np.ndarray, fixed: np.ndarray) -> None:
             f"{len(moving) - 1} more pieces likewise; prescribe displacements that "
             "stop every translation and rotation of each piece"
         )
-    loose = loose_points(X, nbr, fixed)
+    if grid:
+        loose = grid_loose_points(family, fixed)
+    else:
+        loose = loose_points(X, np.asarray(family.nbr), fixed)
     if len(loose):
         raise ValueError(
             f"delta: {len(loose)} points have all their bonds in one line or plane (the"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import resource
 import time
 from dataclasses import dataclass
@@ -13,9 +14,11 @@ import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
 from jaxpd.geometry import Crack, Region
-from jaxpd.problem import Problem, first_system, first_tangent, prepare
+from jaxpd.prepare import prepare
+from jaxpd.problem import Problem, first_system, first_tangent, host_system
 from jaxpd.scene import Scene
-from jaxpd.solvers.newton import NewtonInfo
+from jaxpd.solvers.linear import solve_system
+from jaxpd.solvers.newton import NewtonInfo, one_solve
 from jaxpd.solvers.status import NotConverged, Status
 
 __all__ = [
@@ -34,7 +37,8 @@ _solve = jax.jit(Problem.solve)
 @jax.jit
 def _measure(problem: Problem, u: PointVector):
     operator, _, load = problem.build(problem.params)
-    force = operator.respond(u)
+    small = problem.spec.kinematics == "small"
+    force = -problem.stiffness().mv(u) if small else operator.respond(u)
     reaction = jnp.where(problem.fixed, -(force + load), 0.0)
     has_energy = hasattr(operator.law, "energy")
     energy = operator.energy_per_point(u) if has_energy else jnp.full(len(u), jnp.nan)
@@ -49,8 +53,6 @@ class Solution:
         scene: what was solved.
         problem: what it was prepared into.
         u: displacements [n, d] (m).
-        reaction: forces of the supports on the body [n, d] (N).
-        energy: stored energy of each point [n] (J); NaN for a law without one.
         info: how the solve went.
         seconds: wall time of "prepare" and "solve", compilation included.
         peak_memory: highest resident memory of the process so far (bytes).
@@ -59,11 +61,23 @@ class Solution:
     scene: Scene
     problem: Problem
     u: PointVector
-    reaction: PointVector
-    energy: PointScalar
     info: NewtonInfo
     seconds: dict[str, float]
     peak_memory: int
+
+    @functools.cached_property
+    def _measured(self) -> tuple[PointVector, PointScalar]:
+        return _measure(self.problem, self.u)
+
+    @property
+    def reaction(self) -> PointVector:
+        """Forces of the supports on the body [n, d] (N)."""
+        return self._measured[0]
+
+    @property
+    def energy(self) -> PointScalar:
+        """Stored energy of each point [n] (J); NaN for a law without one."""
+        return self._measured[1]
 
     def __repr__(self) -> str:
         """One line: sizes, status and counts."""
@@ -76,12 +90,14 @@ class Solution:
     @property
     def X(self) -> PointVector:
         """Reference positions [n, d] (m)."""
-        return self.problem.params["X"]
+        return self.problem.X
 
     @property
     def energy_density(self) -> PointScalar:
         """Stored energy per volume [n] (J/m^3)."""
-        return self.energy / self.problem.params["vol"]
+        params = self.problem.params
+        volume = params["vol"] if "vol" in params else params["dx"] ** self.X.shape[1]
+        return self.energy / volume
 
     @property
     def status(self) -> Status:
@@ -112,7 +128,7 @@ class Solution:
         if self.status is not Status.CONVERGED:
             small = self.scene.kinematics == "small"
             what = "linear solve" if small else "Newton's method"
-            what += f" ({self.problem.spec.linear.method}"
+            what += f" ({self.problem.linear.method}"
             what += f", load factor {float(self.info.load_factor):.3g})"
             raise NotConverged(self.status, self.residuals, what)
         return self
@@ -147,7 +163,7 @@ def solve_static(scene: Scene, **options: Any) -> Solution:
     Args:
         scene: what to solve.
         **options: those of `prepare`: solver, tangent, rtol, linear_rtol, load_steps,
-            max_iterations, linear_maxiter.
+            max_iterations, linear_maxiter, operator.
 
     Returns:
         A `Solution`; call its `checked()` to be sure that it converged.
@@ -155,8 +171,21 @@ def solve_static(scene: Scene, **options: Any) -> Solution:
     start = time.perf_counter()
     problem = prepare(scene, **options)
     ready = time.perf_counter()
-    u, info = jax.block_until_ready(_solve(problem))
+    u, info = jax.block_until_ready(equilibrium(problem))
     solved = time.perf_counter()
-    reaction, energy = _measure(problem, u)
     seconds = {"prepare": ready - start, "solve": solved - ready}
-    return Solution(scene, problem, u, reaction, energy, info, seconds, peak_memory())
+    return Solution(scene, problem, u, info, seconds, peak_memory())
+
+
+def equilibrium(problem: Problem) -> tuple[PointVector, NewtonInfo]:
+    """`Problem.solve` of the defaults, in the way that compiles least.
+
+    On a lattice with small displacements everything but the iteration is done in NumPy.
+    """
+    if problem.spec.operator != "fft":
+        return _solve(problem)
+    K, constraints, b = host_system(problem)
+    x, krylov = solve_system(problem.linear, K, constraints, b)
+    u = np.where(constraints.fixed, constraints.values, np.asarray(x))
+    record = jax.tree.map(np.asarray, krylov)
+    return jnp.asarray(u), one_solve(record, problem.spec.newton)

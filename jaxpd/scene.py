@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxpd.geometry import Box, Cloud, Crack, HalfSpace, Region
@@ -70,12 +69,12 @@ class Kernel:
     def influence(self, d: int, delta: Any) -> Influence:
         """The influence function in d dimensions with horizon `delta` (m)."""
         if self.name == "fractional":
-            return Fractional(jnp.asarray(self.parameter, float), d)
+            return Fractional(self.parameter, d)
         if self.name == "constant":
             return Constant()
         if self.name == "conical":
-            return Conical(jnp.asarray(delta))
-        return Gaussian(self.parameter * jnp.asarray(delta))
+            return Conical(delta)
+        return Gaussian(self.parameter * delta)
 
 
 def fractional(alpha: float) -> Kernel:

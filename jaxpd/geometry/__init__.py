@@ -1,9 +1,17 @@
 """Points, families and cracks: topology on the host, everything else traced."""
 
 from jaxpd.geometry.cloud import Cloud, Lattice, from_points, lattice
-from jaxpd.geometry.connectivity import free_modes, loose_points, pieces, rigid_modes
+from jaxpd.geometry.connectivity import (
+    free_modes,
+    grid_loose_points,
+    grid_pieces,
+    loose_points,
+    pieces,
+    rigid_modes,
+)
 from jaxpd.geometry.crack import Crack, rectangle, segment
 from jaxpd.geometry.family import Family, find
+from jaxpd.geometry.grid_family import GridFamily, find_on_grid, without
 from jaxpd.geometry.region import (
     Ball,
     Box,
@@ -23,6 +31,7 @@ __all__ = [
     "Cloud",
     "Crack",
     "Family",
+    "GridFamily",
     "HalfSpace",
     "Lattice",
     "Region",
@@ -32,7 +41,10 @@ __all__ = [
     "below",
     "box",
     "find",
+    "find_on_grid",
     "free_modes",
+    "grid_loose_points",
+    "grid_pieces",
     "from_points",
     "lattice",
     "loose_points",
@@ -41,4 +53,5 @@ __all__ = [
     "rigid_modes",
     "segment",
     "union",
+    "without",
 ]

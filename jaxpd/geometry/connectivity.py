@@ -11,6 +11,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from jaxpd.geometry.grid_family import GridFamily, offset_sums
+
 #: Directions whose share of a point's bonds is below this count as unheld.
 FLAT = 1e-10
 
@@ -85,7 +87,45 @@ def loose_points(
         length = np.linalg.norm(xi, axis=1)
         xi /= np.where(length > 0, length, 1.0)[:, None]
         total += xi[:, :, None] * xi[:, None, :]
+    return np.flatnonzero(_unheld(total, fixed))
+
+
+def _unheld(total: NDArray[np.floating], fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask [n]: the sum of n n^T over the bonds [n, d, d] leaves a direction free."""
+    n, d = fixed.shape
     both = fixed[:, :, None] | fixed[:, None, :]
     held = np.where(both, 0.0, total) + fixed[:, :, None] * np.eye(d) * n
-    weakest = np.linalg.eigvalsh(held)[:, 0]
-    return np.flatnonzero(weakest <= FLAT)
+    return np.linalg.eigvalsh(held)[:, 0] <= FLAT
+
+
+def grid_pieces(family: GridFamily) -> NDArray[np.integer]:
+    """Label [n] of the connected piece of every point of a lattice.
+
+    Without missing bonds there is one. With some, bonds to the next points decide, and
+    all bonds where those leave more than one piece.
+    """
+    label = np.zeros(family.n, int)
+    if not family.cut.shape[1]:
+        return label
+    near = np.flatnonzero(np.abs(family.steps).max(axis=1) <= 1)
+    for slots in (near, None):
+        i, j, _ = family.ends(slots)
+        graph = sp.coo_matrix((np.ones(len(i), np.int8), (i, j)), (family.n,) * 2)
+        count, label = connected_components(graph, directed=False)
+        if count == 1:
+            break
+    return label
+
+
+def grid_loose_points(
+    family: GridFamily, fixed: NDArray[np.bool_]
+) -> NDArray[np.integer]:
+    """`loose_points` of a lattice: looks at corners and at ends of missing bonds."""
+    unit = family.steps / np.linalg.norm(family.steps, axis=1)[:, None]
+    total = offset_sums(family, unit[:, :, None] * unit[:, None, :])
+    corners = np.ravel_multi_index(
+        np.meshgrid(*[(0, n - 1) for n in family.shape], indexing="ij"), family.shape
+    )
+    some = np.unique(np.concatenate([corners.ravel(), *family.cut_ends()]))
+    weak = _unheld(total.reshape(family.n, *total.shape[-2:])[some], fixed[some])
+    return some[weak]

@@ -2,15 +2,23 @@
 
 from jaxpd.operators.bonds import BondForce, BondTangent, assemble, bond_weights
 from jaxpd.operators.constraints import Constraints, fix
+from jaxpd.operators.fft import FFTTangent, convolution, pivots
+from jaxpd.operators.lattice import LatticeTangent
 from jaxpd.operators.protocol import ForceOperator, Tangent
+from jaxpd.operators.stencil import StencilForce
 
 __all__ = [
     "BondForce",
     "BondTangent",
     "Constraints",
+    "FFTTangent",
     "ForceOperator",
+    "LatticeTangent",
+    "StencilForce",
     "Tangent",
     "assemble",
     "bond_weights",
+    "convolution",
     "fix",
+    "pivots",
 ]

@@ -24,11 +24,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from jaxpd.geometry.grid_family import GridFamily
-from jaxpd.operators.lattice import LatticeTangent, index_pairs
-
-#: A coarse point is out of reach where its coupling is below this share of the usual.
-TORN = 0.2
+from jaxpd.geometry.grid_family import GridFamily, inside
+from jaxpd.operators.lattice import LatticeTangent
 
 Sparse = Any
 
@@ -155,7 +152,7 @@ def interpolation(
     shape: tuple[int, ...],
     nodes: list[NDArray[np.integer]],
     held: NDArray[np.bool_],
-    torn: Sparse,
+    torn: NDArray[np.int64],
 ) -> Transfer:
     """Interpolation that crosses no crack and leaves held points alone.
 
@@ -163,7 +160,7 @@ def interpolation(
         shape: fine points along each axis.
         nodes: coarse points along each axis.
         held: mask [n] of fine points whose components are all prescribed.
-        torn: pattern [n, n] of pairs of fine points without a live bond.
+        torn: pairs of fine points without a live bond, sorted keys i n + j.
     """
     hats = [hat(n, at) for n, at in zip(shape, nodes, strict=True)]
     P = sp.csr_array([[1.0]])
@@ -171,18 +168,13 @@ def interpolation(
         P = sp.csr_array(sp.kron(P, sp.csr_array(h)))
     coarse = np.ravel_multi_index(np.meshgrid(*nodes, indexing="ij"), shape).ravel()
     new = P.copy()
-    if torn.nnz:
+    if len(torn):
         row = np.repeat(np.arange(P.shape[0]), np.diff(P.indptr))
-        near = np.flatnonzero(np.diff(torn.indptr)[row] > 0)
-        apart = np.zeros(len(row), bool)
-        apart[near] = np.asarray(torn[row[near], coarse[P.indices[near]]]).ravel() != 0
-        data = np.where(apart, 0.0, P.data)
+        data = np.where(apart(torn, len(held), row, coarse[P.indices]), 0.0, P.data)
         left = np.bincount(row, data, P.shape[0])
         # a point torn from all of them keeps them: it has to hang on something
-        data = np.where(
-            left[row] > 1e-12, data / np.where(left > 0, left, 1.0)[row], P.data
-        )
-        new.data = data
+        some = left[row] > 1e-12
+        new.data = np.where(some, data / np.where(some, left[row], 1.0), P.data)
     loose = P @ (~held[coarse]).astype(float) > 1e-12
     ground = held & loose  # held, but a hat of a free coarse point covers it
     new = sp.csr_array(sp.diags_array((~ground).astype(float)) @ new)
@@ -259,21 +251,63 @@ def scaled(
     return found
 
 
-def torn_pairs(matrices: list[Sparse], shape: tuple[int, ...]) -> Sparse:
-    """Pairs of adjacent coarse points whose coupling is lost, [c, c] pattern."""
-    d = len(shape)
-    kept = [q for q, (a, b) in enumerate(index_pairs(d)) if a == b]
-    trace = sp.coo_array(sum(matrices[q] for q in kept))
-    I, J = trace.coords
-    at = np.stack(np.unravel_index(I, shape)), np.stack(np.unravel_index(J, shape))
-    e = at[1] - at[0]
-    near = np.abs(e).max(axis=0) == 1
-    code = np.ravel_multi_index(tuple(e[:, near] + 1), (3,) * d)
-    value = trace.data[near]
-    usual = np.zeros(3**d)
-    for s in np.unique(code):
-        usual[s] = np.median(value[code == s])
-    torn = value > TORN * usual[code]  # couplings are negative
-    return sp.csr_array(
-        (np.ones(torn.sum()), (I[near][torn], J[near][torn])), shape=trace.shape
-    )
+def cut_keys(family: GridFamily) -> NDArray[np.int64]:
+    """Pairs of points (i, j), both ways, whose bond is missing: sorted i n + j."""
+    i, j = (np.asarray(a, np.int64) for a in family.cut_ends())
+    return np.sort(np.append(i * family.n + j, j * family.n + i))
+
+
+def apart(
+    keys: NDArray[np.int64], n: int, i: NDArray[np.integer], j: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Mask of the pairs (i, j) that are among the sorted keys i n + j."""
+    if not len(keys):
+        return np.zeros(np.shape(i), bool)
+    key = np.asarray(i, np.int64) * n + j
+    at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+    return keys[at] == key
+
+
+def torn_pairs(
+    keys: NDArray[np.int64],
+    shape: tuple[int, ...],
+    nodes: list[NDArray[np.integer]],
+    reach: int,
+) -> NDArray[np.int64]:
+    """Adjacent coarse points that are torn from each other, as keys of the coarse grid.
+
+    They are if a step is torn on the straight way from one to the other, in steps of at
+    most `reach` fine spacings along each axis.
+
+    Args:
+        keys: pairs of fine points that are torn from each other, sorted.
+        shape: fine points along each axis.
+        nodes: coarse points along each axis.
+        reach: how far apart along each axis fine points may be to be known by `keys`.
+    """
+    if not len(keys):
+        return keys
+    n, d = int(np.prod(shape)), len(shape)
+    coarse = tuple(len(at) for at in nodes)
+    place = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1)
+    index = np.arange(int(np.prod(coarse)), dtype=np.int64).reshape(coarse)
+    found = []
+    for e in np.ndindex(*[3] * d):
+        step = [k - 1 for k in e]
+        if not any(step):
+            continue
+        here = inside(coarse, step)
+        there = inside(coarse, [-k for k in step])
+        a, b = place[here].reshape(-1, d), place[there].reshape(-1, d)
+        if not len(a):
+            continue
+        count = max(1, -(-int(np.abs(b - a).max()) // reach))
+        torn = np.zeros(len(a), bool)
+        way = [np.rint(a + (b - a) * (t / count)).astype(int) for t in range(count + 1)]
+        for p, q in zip(way[:-1], way[1:], strict=True):
+            i, j = (np.ravel_multi_index(tuple(x.T), shape) for x in (p, q))
+            torn |= apart(keys, n, i, j)
+        found.append(
+            index[here].ravel()[torn] * index.size + index[there].ravel()[torn]
+        )
+    return np.sort(np.concatenate(found))

@@ -103,8 +103,7 @@ class FFTTangent:
     def mv(self, du: PointVector) -> PointVector:
         """K du [n, d] (N)."""
         shape = self.lattice.family.shape
-        u = jnp.moveaxis(du, 1, 0).reshape(-1, *shape)
-        return jnp.moveaxis(self.apply(u).reshape(len(shape), -1), 0, 1)
+        return self.apply(du.T.reshape(-1, *shape)).reshape(len(shape), -1).T
 
     def apply(self, u: jax.Array) -> jax.Array:
         """K u for components apart [d, *shape] (N)."""

@@ -23,6 +23,7 @@ Sources: paper 000, eqs. 7-20; S. A. Silling, E. Askari, Comput. Struct. 83 (200
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +35,7 @@ from jaxpd.physics.elastic import dilation_energy
 from jaxpd.physics.influence import Fractional, Influence, moment
 
 #: Surface of the unit sphere in d dimensions: both ends of a line, circle, sphere.
-SPHERE = {1: 2.0, 2: 2.0 * jnp.pi, 3: 4.0 * jnp.pi}
+SPHERE = {1: 2.0, 2: 2.0 * math.pi, 3: 4.0 * math.pi}
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
@@ -81,6 +82,16 @@ class Microelastic:
         """Pair force density f = c omega e M, the derivative of the energy."""
         e, M = extension(xi, eta)
         return self.c * self.omega(jnp.sqrt(dot(xi, xi))) * e * M
+
+    def rest(self, xi: Any) -> Any:
+        """Blocks at rest [..., d, d] of bond vectors [..., d]: c omega n n^T.
+
+        In NumPy where everything is NumPy's, so that nothing has to be compiled.
+        """
+        length = ((xi * xi).sum(axis=-1)) ** 0.5
+        n = xi / length[..., None]
+        size = self.c * self.omega(length)
+        return size[..., None, None] * n[..., :, None] * n[..., None, :]
 
     def axial(self, xi: Vector, eta: Vector) -> Tensor:
         """Axial part of the tangent, c omega M M^T: all of paper 000's eq. 20."""

@@ -15,7 +15,10 @@ This is the only module that imports pyamg.
 
 from __future__ import annotations
 
+import collections
+import itertools
 import time
+import weakref
 from typing import Any
 
 import jax
@@ -45,7 +48,10 @@ POOR_COARSENING = 0.3
 
 
 class Hierarchy:
-    """A multigrid hierarchy behind one symmetric W-cycle; hashable by identity.
+    """A multigrid hierarchy behind one symmetric W-cycle.
+
+    A pytree whose one leaf is a number that the host knows it by: a new hierarchy is
+    not compiled anew, and one that nobody holds is not kept.
 
     Attributes:
         levels: number of levels.
@@ -60,6 +66,9 @@ class Hierarchy:
         self.sizes = [level.A.shape[0] for level in multilevel.levels]
         self.complexity = float(multilevel.operator_complexity())
         self.seconds = seconds
+        self.number = next(_NUMBERS)
+        _LIVE[self.number] = self
+        _RECENT.append(self)
         self._cycle = multilevel.aspreconditioner(cycle="W")
 
     def apply(self, r: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -70,10 +79,50 @@ class Hierarchy:
 
     def cycle(self, r: jax.Array) -> jax.Array:
         """One W-cycle on a residual [n, d], inside a trace."""
+        return _Handle(np.int32(self.number)).cycle(r)
+
+
+#: Hierarchies by number, as long as somebody holds them.
+_LIVE: weakref.WeakValueDictionary[int, Hierarchy] = weakref.WeakValueDictionary()
+_NUMBERS = itertools.count()
+#: A solve may still be running when its caller has let go of the solver.
+_RECENT: collections.deque[Hierarchy] = collections.deque(maxlen=4)
+
+
+class _Handle:
+    """A hierarchy inside a trace: the number alone."""
+
+    def __init__(self, number: Any):
+        self.number = number
+
+    def cycle(self, r: jax.Array) -> jax.Array:
+        """One W-cycle on a residual [n, d]."""
         out = jax.ShapeDtypeStruct(r.shape, r.dtype)
         return jax.pure_callback(
-            lambda r: self.apply(np.asarray(r)), out, r, vmap_method="sequential"
+            lambda number, r: _LIVE[int(number)].apply(np.asarray(r)),
+            out,
+            self.number,
+            r,
+            vmap_method="sequential",
         )
+
+
+def _flatten(hierarchy: Any) -> tuple[tuple[Any], None]:
+    number = hierarchy.number
+    return (np.int32(number) if isinstance(number, int) else number,), None
+
+
+def _unflatten(_: None, leaves: Any) -> Any:
+    (number,) = leaves
+    if isinstance(number, np.generic | np.ndarray | jax.Array) and not isinstance(
+        number, jax.core.Tracer
+    ):
+        return _LIVE[int(number)]
+    return _Handle(number)
+
+
+jax.tree_util.register_pytree_node(Hierarchy, _flatten, _unflatten)
+jax.tree_util.register_pytree_node(_Handle, _flatten, _unflatten)
 
 
 def build_hierarchy(

@@ -1,52 +1,50 @@
 """One call for every linear solve of a constrained tangent.
 
-| method      | preconditioner, where it runs                             |
-|-------------|-----------------------------------------------------------|
-| "cg"        | none; `jax.scipy.sparse.linalg.cg`, no counts             |
-| "pcg"       | none; instrumented                                        |
-| "d-pcg"     | diagonal entries                                          |
-| "block-pcg" | inverses of the d x d diagonal blocks                     |
-| "amg"       | a pyamg hierarchy, frozen when the solver was prepared    |
-| "direct"    | sparse LU of every tangent, on the host                   |
+| method       | preconditioner, where it runs                                     |
+|--------------|-------------------------------------------------------------------|
+| "cg"         | none; `jax.scipy.sparse.linalg.cg`, no counts                     |
+| "pcg"        | none; instrumented                                                |
+| "d-pcg"      | diagonal entries                                                  |
+| "block-pcg"  | inverses of the d x d diagonal blocks                             |
+| "spectral"   | sines and cosines of a box; lattices, on the device               |
+| "multigrid"  | Galerkin V-cycle; lattices, on the device                         |
+| "amg"        | a pyamg hierarchy; any points, on the host                        |
+| "direct"     | sparse LU of every tangent, on the host                           |
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
 
 from jaxpd.operators.constraints import Constraints
-from jaxpd.solvers.amg import Hierarchy
 from jaxpd.solvers.direct import direct
 from jaxpd.solvers.krylov import KrylovInfo, block_jacobi, cg, pcg, point_jacobi
 
-METHODS = ("cg", "pcg", "d-pcg", "block-pcg", "amg", "direct")
+#: Methods that need a hierarchy, made when the solver is prepared and then frozen.
+PREPARED = ("spectral", "multigrid", "amg")
+METHODS = ("cg", "pcg", "d-pcg", "block-pcg", *PREPARED, "direct")
 
 
-@dataclass(frozen=True)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
 class LinearSolver:
-    """A method and its settings; hashable, so that it may be static under `jit`.
+    """A method, its settings and what was prepared for it: a pytree.
 
     Attributes:
+        hierarchy: of the methods in `PREPARED`: anything with `cycle(r)`, a symmetric
+            positive definite map of residuals [n, d].
         method: one of `METHODS`.
         rtol: relative tolerance on the true residual.
         maxiter: most iterations.
-        hierarchy: of method "amg".
     """
 
-    method: str = "d-pcg"
-    rtol: float = 1e-6
-    maxiter: int = 10_000
-    hierarchy: Hierarchy | None = None
-
-    def __post_init__(self):
-        """Refuse an unknown method early."""
-        if self.method not in METHODS:
-            raise ValueError(f"method: {self.method!r} must be one of {METHODS}")
-        if self.method == "amg" and self.hierarchy is None:
-            raise ValueError("hierarchy: method 'amg' needs one; see jaxpd.solvers.amg")
+    hierarchy: Any = None
+    method: str = field(metadata={"static": True}, default="d-pcg")
+    rtol: float = field(metadata={"static": True}, default=1e-6)
+    maxiter: int = field(metadata={"static": True}, default=10_000)
 
     def __call__(
         self, tangent: Any, constraints: Constraints, b: jax.Array
@@ -72,9 +70,30 @@ class LinearSolver:
             return cg(mv, b, **limits)
         if self.method == "pcg":
             return pcg(mv, b, **limits)
-        if self.method == "amg":
-            assert self.hierarchy is not None
+        if self.method in PREPARED:
             return pcg(mv, b, precondition=self.hierarchy.cycle, **limits)
         make = point_jacobi if self.method == "d-pcg" else block_jacobi
         blocks = constraints.diagonal(tangent.diagonal())
         return pcg(mv, b, precondition=make(blocks), **limits)
+
+
+def linear_solver(
+    method: str, rtol: float = 1e-6, maxiter: int = 10_000, hierarchy: Any = None
+) -> LinearSolver:
+    """A linear solver, checked.
+
+    Raises:
+        ValueError: on an unknown method, or one that lacks its hierarchy.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method: {method!r} must be one of {METHODS}")
+    if method in PREPARED and hierarchy is None:
+        raise ValueError(
+            f"hierarchy: method {method!r} needs one; see jaxpd.solvers, or "
+            "Problem.solver(), which builds it"
+        )
+    return LinearSolver(hierarchy, method, rtol, maxiter)
+
+
+#: A linear solve under `jit`; a new hierarchy of the same sizes is not compiled anew.
+solve_system = jax.jit(LinearSolver.__call__)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from jaxpd.operators.coarsen import (
     Transfer,
     axis_nodes,
+    cut_keys,
     interpolation,
     irregular,
     scaled,
@@ -176,13 +177,11 @@ class Multigrid:
         levels: from the finest, without the coarsest.
         coarsest: factors of the coarsest stiffness, point by point.
         unit: stiffness by which all levels are divided [] (N/m).
-        degree: steps of the smoother on either side.
     """
 
     levels: tuple[Level, ...]
     coarsest: Tridiagonal
     unit: jax.Array
-    degree: int = field(metadata={"static": True})
 
     @property
     def sizes(self) -> list[int]:
@@ -203,7 +202,8 @@ class Multigrid:
             d = b.shape[0]
             x = self.coarsest.solve(b.reshape(d, -1).T.ravel())
             return x.reshape(-1, d).T.reshape(b.shape)
-        level, last = self.levels[at], 2 * self.degree
+        level = self.levels[at]
+        last = level.weights.shape[1] - 1
         alpha, beta = level.weights
 
         def coarse(r, d):
@@ -212,7 +212,7 @@ class Multigrid:
         def turn(k, carry):
             z, r, d = carry
             smooth = lambda r, d: alpha[k] * d + beta[k] * level.inverse * r  # noqa: E731
-            d = jax.lax.cond(k == self.degree, coarse, smooth, r, d)
+            d = jax.lax.cond(k == last // 2, coarse, smooth, r, d)
             d = jnp.where(level.inverse > 0, d, 0.0)
             r = jax.lax.cond(
                 k < last,
@@ -279,12 +279,8 @@ def build_multigrid(
         ratio //= 2
     torn_apart = len(family.cut[0]) > 0.02 * family.n_bonds
     own = np.asarray(fine.own).reshape(len(fine.own), -1)
-    i, j = family.cut_ends()
-    torn: Any = sp.csr_array(
-        (np.ones(2 * len(i), np.int8), (np.append(i, j), np.append(j, i))),
-        shape=(family.n, family.n),
-    )
-    apply = fine.apply
+    torn, reach = cut_keys(family), int(m / d**0.5 + 1e-9)
+    apply: Any = fine.apply
     plain: list[Any] = []
     levels = []
     while True:
@@ -296,7 +292,8 @@ def build_multigrid(
         if levels or torn_apart:
             top = _top(apply, inverse.T.reshape(d, *shape))
         span = float(np.clip(1.5 * span, *SPANS)) if not levels else SPANS[0]
-        weights = _chebyshev(degree, 1.1 * top, span)
+        # coarse levels are cheap, and what they leave is felt on all finer ones
+        weights = _chebyshev(degree + (2 if levels else 0), 1.1 * top, span)
         coarse = np.ravel_multi_index(np.meshgrid(*nodes, indexing="ij"), shape).ravel()
         levels.append((fine, inverse, weights, move, ~fixed[coarse]))
         if not plain:
@@ -315,18 +312,17 @@ def build_multigrid(
         g = None if g is None else (P.T @ g) / weight
         c = None if c is None else (P.T @ c) / weight
         matrices = scaled(plain, g, c)
-        shape, fixed, ratio = move.shape, fixed[coarse], 2
+        torn = torn_pairs(torn, shape, nodes, max(1, reach))
+        shape, fixed, ratio, reach = move.shape, fixed[coarse], 2, 1
         if (~fixed).sum() <= MAX_COARSE or len(fixed) >= 0.8 * len(held):
             break
         fine = _couplings(matrices, shape)
         own = np.stack([a.diagonal() for a in matrices])
         apply = functools.partial(_times, matrices)
-        torn = torn_pairs(plain, shape)
     return Multigrid(
         tuple(_level(*level, d, dtype) for level in levels),
         _factors(matrices, shape, fixed, dtype),
         np.asarray(unit),
-        degree,
     )
 
 

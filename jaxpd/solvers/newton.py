@@ -19,7 +19,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxpd.operators.constraints import Constraints
-from jaxpd.operators.protocol import ForceOperator
+from jaxpd.operators.protocol import ForceOperator, Tangent
+from jaxpd.solvers.krylov import KrylovInfo
 from jaxpd.solvers.linear import LinearSolver
 from jaxpd.solvers.status import Status
 
@@ -90,33 +91,42 @@ class _State(NamedTuple):
 
 
 def solve_linear(
-    operator: ForceOperator,
+    K: Tangent,
     constraints: Constraints,
     load: jax.Array,
-    u0: jax.Array,
     linear: LinearSolver,
     settings: Newton,
 ) -> tuple[jax.Array, NewtonInfo]:
-    """Equilibrium for small displacements: one linear solve at u0, no Newton loop."""
-    K = operator.tangent(u0)
-    gap = constraints.lift() - (u0 - constraints.project(u0))
-    b = constraints.project(operator.respond(u0) + load - K.mv(gap))
-    x, krylov = linear(K, constraints, b)
-    last = _last(krylov)
-    info = _empty(settings, u0.dtype)
-    info = NewtonInfo(
+    """Equilibrium for small displacements: one linear solve, no Newton loop."""
+    gap = constraints.lift()
+    x, krylov = linear(K, constraints, constraints.project(load - K.mv(gap)))
+    return gap + constraints.project(x), one_solve(krylov, settings)
+
+
+def one_solve(krylov: KrylovInfo, settings: Newton) -> NewtonInfo:
+    """The record of a solve that took one linear solve; NumPy's of a NumPy record."""
+    xp = krylov.residuals.__array_namespace__()
+    k = krylov.iterations  # jax.scipy's CG: -1, and the second entry is the last
+    last = krylov.residuals[xp.where(k < 0, 1, k)]
+    zero, one = xp.zeros((), xp.int32), xp.ones((), xp.int32)
+
+    def first(value, rest):
+        value = xp.reshape(value, (1,))
+        left = xp.full(settings.max_total - 1, rest, dtype=value.dtype)
+        return xp.concatenate([value, left])
+
+    return NewtonInfo(
         status=krylov.status,
         linear_status=krylov.status,
-        iterations=jnp.asarray(1, jnp.int32),
-        load_factor=jnp.where(krylov.status == 0, 1.0, 0.0).astype(u0.dtype),
-        residuals=info.residuals.at[0].set(last),
-        loads=info.loads.at[0].set(1.0),
-        linear_iterations=info.linear_iterations.at[0].set(krylov.iterations),
-        linear_residuals=info.linear_residuals.at[0].set(last),
-        halvings=info.halvings,
-        cuts=info.cuts,
+        iterations=one,
+        load_factor=xp.where(krylov.status == 0, xp.ones_like(last), 0.0),
+        residuals=first(last, xp.nan),
+        loads=first(xp.ones_like(last), xp.nan),
+        linear_iterations=first(k, -1),
+        linear_residuals=first(last, xp.nan),
+        halvings=zero,
+        cuts=zero,
     )
-    return u0 + constraints.project(x) + gap, info
 
 
 def solve_newton(
