@@ -128,7 +128,7 @@ def prepare(
         params["dx"] = np.asarray(cloud.lattice.dx, X.dtype)
     check_held(X, family, fixed)
     terms = ()
-    if operator == "fft" and correction != "none":
+    if operator != "gather" and correction != "none":
         terms = pivots(
             relative_volumes(family, params["delta"], params["dx"], correction)
         )

@@ -34,8 +34,8 @@ from jaxpd.operators import (
 from jaxpd.physics import Microelastic, micromodulus
 from jaxpd.scene import Kernel
 from jaxpd.solvers.amg import build_hierarchy
+from jaxpd.solvers.hierarchy import build_multigrid
 from jaxpd.solvers.linear import LinearSolver, linear_solver
-from jaxpd.solvers.multigrid import build_multigrid
 from jaxpd.solvers.newton import Newton, NewtonInfo, solve_linear, solve_newton
 from jaxpd.solvers.spectral import build_spectral
 
@@ -129,9 +129,9 @@ class Problem:
         if isinstance(operator, BondForce):
             return operator.tangent(jnp.zeros_like(load))
         rest = operator.rest()
-        return (
-            convolution(rest, self.spec.pivots) if self.spec.operator == "fft" else rest
-        )
+        if self.spec.operator == "stencil" and self.spec.kinematics == "small":
+            return rest
+        return convolution(rest, self.spec.pivots)
 
     def solve(self, params: Params | None = None) -> tuple[PointVector, NewtonInfo]:
         """Displacements [n, d] (m) in equilibrium, and how the solve went. Pure."""

@@ -1,6 +1,6 @@
 """Linear bonds of a lattice by zero-padded convolution: n log n, whatever the horizon.
 
-The stiffness of `jaxpd.operators.lattice`, split into its block diagonal D and the rest,
+The stiffness of `jaxpd.operators.lattice`, its block diagonal D apart from the rest,
 
     K u = D u - sum_t  left_t * (B convolved with right_t * u) + cut bonds,
 
@@ -11,8 +11,8 @@ The volume correction 2 / (v_i + v_j) is a Cauchy kernel: elimination at a few p
     2 / (v + w) = sum_k f_k(v) f_k(w) + remainder,
     remainder   = 2 / (v + w) prod_t (t - v)(t - w) / ((t + v)(t + w)),
 
-leaves less than `SEPARATION` of it after five or six pivots. Zero padding by the reach of the offsets
-makes free surfaces exact. Missing bonds are a list, sorted by row.
+leaves less than `SEPARATION` of it after five or six pivots. Zero padding by the reach
+of the offsets makes free surfaces exact. Missing bonds are a list, sorted by row.
 """
 
 from __future__ import annotations
@@ -127,7 +127,10 @@ class FFTTangent:
         axes, xp = tuple(range(-d, 0)), u.__array_namespace__()
         U = xp.fft.rfftn(u, self.lengths, axes=axes)
         turned = (xp.roll(U, s, axis=-d - 1) if s else U for s in range(d))
-        Y = sum(S * Us for S, Us in zip(self.symbol, turned, strict=True))
+        symbol = self.symbol.reshape(
+            d, *(1,) * (u.ndim - d - 1), *self.symbol.shape[1:]
+        )
+        Y = sum(S * Us for S, Us in zip(symbol, turned, strict=True))
         y = xp.fft.irfftn(Y, self.lengths, axes=axes)
         return y[(..., *(slice(0, n) for n in shape))]
 
@@ -203,7 +206,9 @@ def convolution(lattice: LatticeTangent, at: tuple[float, ...] = ()) -> FFTTange
             sums = xp.fft.irfftn(entries * spread[None], lengths, axes=axes)
             own = own + f[None] * sums[(slice(None), *back)]
     i, j = family.cut_ends()
-    lost = xp.moveaxis(parts[family.cut[1]], 1, 0) * lattice.factor(i, j)
+    lost = parts[family.cut[1]].T
+    if left is not None:
+        lost = lost * lattice.factor(i, j)[None]
     if left is not None and family.cut.shape[1]:
         gone = [add_at(xp, (family.n, len(lost)), e, lost.T) for e in (i, j)]
         own = own - xp.moveaxis(gone[0] + gone[1], 1, 0).reshape(own.shape)
@@ -224,7 +229,7 @@ def _terms(lattice: LatticeTangent, at: tuple[float, ...], xp: Any) -> tuple[Any
     if lattice.c is None:
         f = f.reshape(-1, *shape)
         return f, f
-    half, whole = 0.5 * lattice.c * f, f
+    half, whole = 0.5 * lattice.c[None] * f, f
     left = xp.concatenate([half, whole]).reshape(-1, *shape)
     right = xp.concatenate([whole, half]).reshape(-1, *shape)
     return left, right

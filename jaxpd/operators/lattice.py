@@ -8,8 +8,7 @@ the mean of a relative modulus, (c_i + c_j) / 2. Missing bonds are taken out one
 
 The lattice is laid out as one long row with empty places between its lines, so that a
 step along any axis is a shift of the row, and a step off the lattice meets an empty
-place: there u = c = 0 and v = inf, hence F = 0. The offsets are swept line by line: a
-`lax.scan` over their steps along the leading axes, written out along the last axis.
+place: there u = c = 0 and v = inf, hence F = 0. The offsets are swept in a `lax.scan`.
 """
 
 from __future__ import annotations
@@ -76,9 +75,8 @@ class _Row:
         self.strides = np.cumprod((1, *pitch[::-1]))[::-1].astype(int)
         self.used = self.shape[0] * int(self.strides[0])
         self.length = _whole(self.used)
-        self.last = int(self.reach[-1])
-        self.front = int(self.reach @ self.strides)
-        self.margin = self.front + self.last
+        self.hops = (family.steps @ self.strides).astype(np.int32)
+        self.margin = int(self.hops.max())
 
     def lay(self, values: jax.Array, empty: float) -> jax.Array:
         """Nodal values [..., n] along the row, with margins, `empty` in between."""
@@ -86,8 +84,12 @@ class _Row:
         grid = values.reshape(*values.shape[:-1], *self.shape)
         grid = jnp.pad(grid, lead + self.gaps, constant_values=empty)
         row = grid.reshape(*values.shape[:-1], self.used)
-        ends = [*lead, (self.margin, self.margin + self.length - self.used + 64)]
+        ends = [*lead, (self.margin, self.margin + self.length - self.used)]
         return jnp.pad(row, ends, constant_values=empty)
+
+    def shifted(self, row: jax.Array, hop: Any) -> jax.Array:
+        """The part of a row with margins that starts `hop` places further on."""
+        return dynamic_slice_in_dim(row, self.margin + hop, self.length)
 
     def pick(self, row: jax.Array) -> jax.Array:
         """Nodal values [..., n] from a row without margins."""
@@ -137,52 +139,26 @@ class LatticeTangent:
         family = dataclasses.replace(self.family, cut=cut)
         return LatticeTangent(parts, v, c, family)
 
-    def _table(self, row: _Row) -> tuple[NDArray, NDArray, jax.Array]:
-        """Steps by lines: hops [l], steps on the last axis [s], blocks [l, s, d, d]."""
-        steps = self.family.steps
-        lead, line = np.unique(steps[:, :-1], axis=0, return_inverse=True)
-        last, column = np.unique(steps[:, -1], return_inverse=True)
-        blocks = full_blocks(self.parts, self.d)
-        table = jnp.zeros((len(lead), len(last), self.d, self.d), blocks.dtype)
-        hops = (lead @ row.strides[:-1]).astype(np.int32)
-        return hops, last, table.at[line.ravel(), column.ravel()].set(blocks)
-
-    def _factors(self, row: _Row, last: NDArray, dtype: Any):
+    def _factors(self, row: _Row, dtype: Any):
         """A function of a hop: factors [length] of the bonds ahead and behind."""
         v = None if self.v is None else row.lay(self.v, np.inf)
         c = None if self.c is None else row.lay(self.c, 0.0)
         on = row.lay(jnp.ones(self.family.n, dtype), 0.0)
-        size, R = _whole(row.front + row.length), row.last
 
-        def of_hop(hop):
+        def factor(hop):
             def near(x):
-                return x[R : R + size]
+                return row.shifted(x, 0)
 
-            def far(x, step):
-                window = dynamic_slice_in_dim(x, hop, size + 2 * R)
-                return window[R + step : R + step + size]
+            def far(x):
+                return row.shifted(x, hop)
 
-            pairs = []
-            for step in last:
-                if v is None:
-                    f = 0.5 * (near(c) * far(on, step) + far(c, step) * near(on))
-                elif c is None:
-                    f = 2.0 / (near(v) + far(v, step))
-                else:
-                    f = (near(c) + far(c, step)) / (near(v) + far(v, step))
-                pairs.append(f)
-            # kept: a factor serves both ends of a bond and costs a division
-            pairs, length = jax.lax.optimization_barrier(pairs), row.length
-            back = row.front - hop
-            return [
-                (
-                    f[row.front : row.front + length],
-                    dynamic_slice_in_dim(f, back - step, length),
-                )
-                for f, step in zip(pairs, last, strict=True)
-            ]
+            if v is None:
+                return 0.5 * (near(c) * far(on) + far(c) * near(on))
+            if c is None:
+                return 2.0 / (near(v) + far(v))
+            return (near(c) + far(c)) / (near(v) + far(v))
 
-        return of_hop
+        return lambda hop: (factor(hop), factor(-hop))
 
     def _missing(self) -> tuple[Any, Any, jax.Array]:
         """Ends [b] of the missing bonds and their weighted blocks [b, d, d]."""
@@ -194,33 +170,29 @@ class LatticeTangent:
     def mv(self, du: PointVector) -> PointVector:
         """K du [n, d] (N), in the precision of du."""
         K, row, d = self._cast(du.dtype), _Row(self.family), self.d
-        hops, last, table = K._table(row)
         plain = K.v is None and K.c is None
-        factors = None if plain else K._factors(row, last, du.dtype)
+        factors = None if plain else K._factors(row, du.dtype)
         U = [row.lay(du[:, a], 0.0) for a in range(d)]
-        R, size = row.last, row.length
-        here = [x[row.margin : row.margin + size] for x in U]
+        here = [row.shifted(x, 0) for x in U]
 
-        def add_line(force, line):
-            hop, blocks = line
-            start, force = row.margin - R, list(force)
-            ahead = [dynamic_slice_in_dim(x, start + hop, size + 2 * R) for x in U]
-            behind = [dynamic_slice_in_dim(x, start - hop, size + 2 * R) for x in U]
-            pairs = factors(hop) if factors else [None] * len(last)
-            for s, (step, pair) in enumerate(zip(last, pairs, strict=True)):
-                p = [x[R + step : R + step + size] for x in ahead]
-                q = [x[R - step : R - step + size] for x in behind]
-                for b in range(d):
-                    if pair is None:
-                        e = -(p[b] + q[b])
-                    else:
-                        e = pair[0] * (here[b] - p[b]) + pair[1] * (here[b] - q[b])
-                    for a in range(d):
-                        force[a] = force[a] + blocks[s, a, b] * e
+        def add(force, item):
+            hop, block = item
+            p = [row.shifted(x, hop) for x in U]
+            q = [row.shifted(x, -hop) for x in U]
+            if factors is None:
+                e = [-(p[b] + q[b]) for b in range(d)]
+            else:
+                f, g = factors(hop)
+                e = [f * (here[b] - p[b]) + g * (here[b] - q[b]) for b in range(d)]
+            force = list(force)
+            for b in range(d):
+                for a in range(d):
+                    force[a] = force[a] + block[a, b] * e[b]
             return tuple(force), None
 
         zero = tuple(jnp.zeros_like(x) for x in here)
-        force = jnp.stack(jax.lax.scan(add_line, zero, (hops, table))[0])
+        items = row.hops, full_blocks(K.parts, d)
+        force = jnp.stack(jax.lax.scan(add, zero, items, unroll=2)[0])
         force = row.pick(force)
         if plain:
             own = K._boxed_sums()
@@ -256,17 +228,16 @@ class LatticeTangent:
         if K.v is None and K.c is None:
             own = K._boxed_sums()
         else:
-            hops, last, table = K._table(row)
-            factors = K._factors(row, last, dtype)
+            factors = K._factors(row, dtype)
 
-            def add_line(total, line):
-                hop, blocks = line
-                for block, (f, g) in zip(blocks, factors(hop), strict=True):
-                    total = total + block[:, :, None] * (f + g)[None, None]
-                return total, None
+            def add(total, item):
+                hop, block = item
+                f, g = factors(hop)
+                return total + block[:, :, None] * (f + g)[None, None], None
 
             zero = jnp.zeros((d, d, row.length), dtype)
-            own = row.pick(jax.lax.scan(add_line, zero, (hops, table))[0])
+            items = row.hops, full_blocks(K.parts, d)
+            own = row.pick(jax.lax.scan(add, zero, items)[0])
         own = jnp.moveaxis(own, -1, 0)
         if self.family.cut.shape[1]:
             i, j, blocks = K._missing()

@@ -23,21 +23,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
-from jax.core import Tracer
 from jax.lax import dynamic_slice_in_dim, dynamic_update_slice_in_dim
 
 from jaxpd._types import BondScalar, PointScalar, PointTensor, PointVector, Scalar
 from jaxpd.geometry.grid_family import GridFamily
-from jaxpd.operators.lattice import LatticeTangent, assemble_pairs, index_pairs
+from jaxpd.operators.lattice import LatticeTangent
+from jaxpd.operators.stored import (
+    StencilBlocks,
+    entries_kept,
+    hops,
+    missing_bits,
+    row_of,
+    whole,
+)
 from jaxpd.physics.bond import Microelastic, bond_block, bond_energy, bond_force
-
-
-def _missing_bits(family: GridFamily) -> jax.Array:
-    """Mask [ceil(k / 32), n], uint32: a bit is set where a bond is missing."""
-    i, slot = (jnp.asarray(x) for x in family.cut)
-    bits = jnp.zeros((-(-len(family.offsets) // 32), family.n), jnp.uint32)
-    bit = jnp.left_shift(jnp.uint32(1), (slot % 32).astype(jnp.uint32))
-    return bits.at[slot // 32, i].add(bit)  # every bond is listed once: add is or
 
 
 def _axes(law: Any) -> Any:
@@ -59,6 +58,8 @@ class StencilForce:
             or [k, n] (at the first end of a bond).
         blocks: "ad" (default), "hand" or "axial": where tangent blocks come from.
         symmetric: whether blocks are symmetric, as they are if an energy exists.
+        stored: whether a tangent keeps its blocks: fast, but k d (d + 1) / 2 numbers a
+            point; else every product computes them again.
     """
 
     family: GridFamily
@@ -69,6 +70,7 @@ class StencilForce:
     law: Any
     blocks: str = field(metadata={"static": True}, default="ad")
     symmetric: bool = field(metadata={"static": True}, default=True)
+    stored: bool = field(metadata={"static": True}, default=True)
 
     unit = "N"
 
@@ -82,6 +84,72 @@ class StencilForce:
                     f"[{k}, {n}]"
                 )
 
+    def _offsets(self, measure: Callable[..., Any], fields: tuple):
+        """What is done for one offset, and the items of a sweep over all of them.
+
+        Returns:
+            A function of an item, w * measure [..., whole(n)] at the
+            first ends of the bonds of an offset, and the items.
+        """
+        self._check()
+        family, n = self.family, self.family.n
+        hop, size = hops(family), whole(n)
+        tail = size - n + max(0, int(hop.max()))
+        point = jnp.arange(size, dtype=jnp.int32)
+        at = jnp.stack(jnp.unravel_index(point, family.shape))
+        room = jnp.asarray(family.shape, jnp.int32)
+        bits = None
+        if family.cut.shape[1]:
+            bits = jnp.pad(missing_bits(family), [(0, 0), (0, size - n)])
+        leaves, tree = jax.tree.flatten(self.law)
+        leaves = [jnp.asarray(leaf) for leaf in leaves]
+        nodal = [leaf for leaf in leaves if leaf.ndim == 1]
+        per_bond = [leaf for leaf in leaves if leaf.ndim == 2]
+        axes = (_axes(self.law), None, *[1] * len(fields))
+        each = jax.vmap(measure, in_axes=axes, out_axes=-1)
+
+        def stretched(x):
+            return jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, tail)], mode="edge")
+
+        long_fields = [stretched(x.T) for x in fields]
+        long_nodal = [stretched(x) for x in nodal]
+        long_v = None if self.v is None else stretched(self.v)
+        steps = jnp.asarray(family.steps, jnp.int32)
+        slots = jnp.arange(len(hop), dtype=jnp.int32)
+
+        @jax.checkpoint  # backwards, bonds are computed again and not kept
+        def of(item):
+            slot, hop, step, weight, scale, scanned = item
+            to = at + step[:, None]
+            live = ((to >= 0) & (to < room[:, None])).all(axis=0) & (point < n)
+            if bits is not None:
+                word = bits[slot // 32] >> (slot % 32).astype(jnp.uint32)
+                live &= (word & 1) == 0
+
+            def far(x):
+                return dynamic_slice_in_dim(x, hop, size, axis=x.ndim - 1)
+
+            def filled(x):
+                return jnp.pad(x, (0, size - n), mode="edge")
+
+            means = iter([0.5 * (x[:size] + far(x)) for x in long_nodal])
+            local = {1: means, 2: iter([filled(x) for x in scanned])}
+            law = jax.tree.unflatten(
+                tree, [next(local[x.ndim]) if x.ndim else x for x in leaves]
+            )
+            eta = [jnp.where(live, far(x) - x[:, :size], 0.0) for x in long_fields]
+            w = weight
+            if long_v is not None:
+                w = w * 2.0 / (long_v[:size] + far(long_v))
+            if scale is not None:
+                w = w * filled(scale)
+            value = each(law, step * self.dx, *eta)
+            zero = jnp.zeros(size, w.dtype)
+            w = jax.lax.select(live, w + zero, zero)
+            return jnp.expand_dims(w, range(value.ndim - 1)) * value
+
+        return of, (slots, jnp.asarray(hop), steps, self.weight, self.scale, per_bond)
+
     def _sweep(self, measure: Callable[..., Any], fields: tuple, shape: tuple, sign):
         """Sum of w * measure(law, xi, *differences) over the bonds of every point.
 
@@ -94,73 +162,22 @@ class StencilForce:
         Returns:
             Sums [*shape, n].
         """
-        self._check()
-        family, n = self.family, self.family.n
-        hop = (family.steps @ family.strides).astype(np.int32)
-        tail = int(hop.max())
-        at = jnp.stack(jnp.unravel_index(jnp.arange(n, dtype=jnp.int32), family.shape))
-        room = jnp.asarray(family.shape, jnp.int32)
-        bits = _missing_bits(family) if family.cut.shape[1] else None
-        leaves, tree = jax.tree.flatten(self.law)
-        leaves = [jnp.asarray(leaf) for leaf in leaves]
-        nodal = [leaf for leaf in leaves if leaf.ndim == 1]
-        per_bond = [leaf for leaf in leaves if leaf.ndim == 2]
-        each = jax.vmap(
-            measure,
-            in_axes=(_axes(self.law), None, *[1] * len(fields)),
-            out_axes=-1,
-        )
-
-        def stretched(x):
-            return jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, tail)], mode="edge")
-
-        long_fields = [stretched(x.T) for x in fields]
-        long_nodal = [stretched(x) for x in nodal]
-        long_v = None if self.v is None else stretched(self.v)
-        steps = jnp.asarray(family.steps, jnp.int32)
-        slots = jnp.arange(len(hop), dtype=jnp.int32)
-
-        @jax.checkpoint  # backwards, bonds are computed again and not kept
-        def pulls(item):
-            slot, hop, step, weight, scale, scanned = item
-            to = at + step[:, None]
-            live = ((to >= 0) & (to < room[:, None])).all(axis=0)
-            if bits is not None:
-                word = bits[slot // 32] >> (slot % 32).astype(jnp.uint32)
-                live &= (word & 1) == 0
-
-            def far(x):
-                return dynamic_slice_in_dim(x, hop, n, axis=x.ndim - 1)
-
-            means = iter([0.5 * (x[:n] + far(x)) for x in long_nodal])
-            local = {1: means, 2: iter(scanned)}
-            law = jax.tree.unflatten(
-                tree, [next(local[x.ndim]) if x.ndim else x for x in leaves]
-            )
-            eta = [jnp.where(live, far(x) - x[:, :n], 0.0) for x in long_fields]
-            w = weight
-            if long_v is not None:
-                w = w * 2.0 / (long_v[:n] + far(long_v))
-            if scale is not None:
-                w = w * scale
-            value = each(law, step * self.dx, *eta)
-            w = jax.lax.select(live, jnp.broadcast_to(w, (n,)), jnp.zeros(n, w.dtype))
-            return w.reshape((1,) * len(shape) + (n,)) * value
+        of, items = self._offsets(measure, fields)
+        (front, size), axis = row_of(self.family), len(shape)
 
         def add(totals, item):
             own, others = totals
-            value, hop = pulls(item), item[1]
-            there = dynamic_slice_in_dim(others, hop, n, axis=len(shape))
+            value, hop = of(item), item[1]
+            there = dynamic_slice_in_dim(others, hop, size, axis=axis)
             others = dynamic_update_slice_in_dim(
-                others, there + sign * value, hop, axis=len(shape)
+                others, there + sign * value, hop, axis=axis
             )
             return (own + value, others), None
 
         dtype = jnp.result_type(*fields, self.weight, self.dx)
-        zero = jnp.zeros((*shape, n), dtype), jnp.zeros((*shape, n + tail), dtype)
-        items = (slots, jnp.asarray(hop), steps, self.weight, self.scale, per_bond)
-        own, others = jax.lax.scan(add, zero, items)[0]
-        return own + others[..., :n]
+        own, others = (jnp.zeros((*shape, m), dtype) for m in (size, front + size))
+        own, others = jax.lax.scan(add, (own, others), items)[0]
+        return (own + others[..., :size])[..., : self.family.n]
 
     def respond(self, u: PointVector, history: None = None) -> PointVector:
         """Internal force [n, d] (N) on every point; minus the gradient of `energy`."""
@@ -180,12 +197,29 @@ class StencilForce:
     def history0(self) -> None:
         """Elastic bonds remember nothing."""
 
-    def tangent(self, u: PointVector, history: None = None) -> StencilTangent:
-        """Stiffness at u; blocks are computed where they are needed and not kept."""
-        return StencilTangent(self, u)
+    def tangent(
+        self, u: PointVector, history: None = None
+    ) -> StencilBlocks | StencilTangent:
+        """Stiffness at u, with blocks that are stored or computed where needed."""
+        return self.stored_tangent(u) if self.stored else StencilTangent(self, u)
+
+    def stored_tangent(self, u: PointVector) -> StencilBlocks:
+        """Stiffness at u with its blocks: [k, q, n] numbers, for many products."""
+        front, kept = row_of(self.family)[0], entries_kept(u.shape[1], self.symmetric)
+
+        def entries(law, xi, eta):
+            block = bond_block(law, xi, eta, self.blocks)
+            return jnp.stack([block[a, b] for a, b in kept])
+
+        of, items = self._offsets(entries, (u,))
+        parts = jax.lax.map(lambda it: jnp.pad(of(it), [(0, 0), (front, 0)]), items)
+        return StencilBlocks(parts, self.family, self.symmetric)
 
     def rest(self) -> LatticeTangent:
         """Stiffness of the undeformed lattice: one block an offset.
+
+        Where the law has a method `rest(xi)` and all arrays are NumPy's, so are those
+        of the result, and nothing is compiled.
 
         Raises:
             ValueError: if a bond of an offset differs from the next by more than nodal
@@ -198,25 +232,29 @@ class StencilForce:
         if self.scale is not None:
             raise ValueError("scale: bonds of an offset differ; use tangent(u)")
         if isinstance(law, Microelastic) and jnp.shape(law.c) == (self.family.n,):
-            law, c = dataclasses.replace(law, c=jnp.ones_like(law.c[0])), law.c
+            law, c = dataclasses.replace(law, c=1.0), law.c
         if any(jnp.ndim(leaf) for leaf in jax.tree.leaves(law)):
             raise ValueError(
                 f"law: bonds of an offset differ by leaves of {type(law).__name__}; "
                 "only a nodal c of Microelastic may vary; use tangent(u)"
             )
-        parts = _rest_parts(law, self.family.steps * self.dx, self.weight, self.blocks)
+        arrays = (law, self.dx, self.weight)
+        host = not any(isinstance(x, jax.Array) for x in jax.tree.leaves(arrays))
+        of = _rest_parts if host and hasattr(law, "rest") else _compiled_rest_parts
+        parts = of(law, self.family.steps * self.dx, self.weight, self.blocks)
         return LatticeTangent(parts, self.v, c, self.family)
 
 
-@jax.jit(static_argnums=3)
-def _rest_parts(law: Any, xi: jax.Array, weight: jax.Array, how: str) -> jax.Array:
+def _rest_parts(law: Any, xi: Any, weight: Any, how: str) -> Any:
     """Upper triangles [k, q] of the weighted blocks at rest of bonds xi [k, d]."""
+    if hasattr(law, "rest"):
+        blocks = law.rest(xi)
+    else:
+        blocks = jax.vmap(lambda x: bond_block(law, x, jnp.zeros_like(x), how))(xi)
+    return weight[:, None] * blocks[:, *np.triu_indices(xi.shape[1])]
 
-    def entries(xi, weight):
-        block = bond_block(law, xi, jnp.zeros_like(xi), how)
-        return weight * jnp.stack([block[a, b] for a, b in index_pairs(xi.shape[0])])
 
-    return jax.vmap(entries)(xi, weight)
+_compiled_rest_parts = jax.jit(_rest_parts, static_argnums=3)
 
 
 @jax.tree_util.register_dataclass
@@ -250,51 +288,13 @@ class StencilTangent:
     def diagonal(self) -> PointTensor:
         """Block diagonal of K [n, d, d] (N/m), exact."""
         d = self.u.shape[1]
-
         block = partial(bond_block, how=self.op.blocks)
         return jnp.moveaxis(self.op._sweep(block, (self.u,), (d, d), 1), -1, 0)
 
     def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Rows, columns and blocks of K; traced cuts leave blocks of zeros."""
-        family, traced = self.op.family, isinstance(self.op.family.cut, Tracer)
-        if traced:
-            family = dataclasses.replace(family, cut=np.zeros((2, 0), np.int32))
-        i, j, slot = family.ends()
-        blocks = _pair_blocks(self, i, j, slot)
-        if traced:
-            word = _missing_bits(self.op.family)[slot // 32, i]
-            live = (word >> (slot % 32).astype(np.uint32)) & 1 == 0
-            blocks = blocks * live[:, None, None]
-        here = jnp.arange(family.n, dtype=np.int32)
-        return (
-            jnp.concatenate([here, i, j]),
-            jnp.concatenate([here, j, i]),
-            jnp.concatenate([self.diagonal(), -blocks, -blocks]),
-        )
+        return self.op.stored_tangent(self.u).coo()
 
     def to_bsr(self) -> sp.bsr_matrix:
         """K as a SciPy BSR matrix on the host, missing bonds absent."""
-        i, j, slot = self.op.family.ends()
-        blocks = np.asarray(_pair_blocks(self, i, j, slot))
-        return assemble_pairs(self.op.family.n, i, j, blocks)
-
-
-@jax.jit
-def _pair_blocks(K: StencilTangent, i: Any, j: Any, slot: Any) -> jax.Array:
-    """Weighted blocks [b, d, d] of the bonds from points i to j [b]."""
-    op = K.op
-
-    def local(leaf):
-        if jnp.ndim(leaf) == 2:
-            return leaf[slot, i]
-        return 0.5 * (leaf[i] + leaf[j]) if jnp.ndim(leaf) else leaf
-
-    w = op.weight[slot]
-    if op.v is not None:
-        w = w * 2.0 / (op.v[i] + op.v[j])
-    if op.scale is not None:
-        w = w * op.scale[slot, i]
-    each = jax.vmap(partial(bond_block, how=op.blocks), in_axes=(_axes(op.law), 0, 0))
-    xi = jnp.asarray(op.family.steps)[slot] * op.dx
-    eta = K.u[j] - K.u[i]
-    return w[:, None, None] * each(jax.tree.map(local, op.law), xi, eta)
+        return jax.jit(StencilForce.stored_tangent)(self.op, self.u).to_bsr()

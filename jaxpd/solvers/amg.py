@@ -66,8 +66,8 @@ class Hierarchy:
         self.sizes = [level.A.shape[0] for level in multilevel.levels]
         self.complexity = float(multilevel.operator_complexity())
         self.seconds = seconds
-        self.number = next(_NUMBERS)
-        _LIVE[self.number] = self
+        self.number = np.int32(next(_NUMBERS))
+        _LIVE[int(self.number)] = self
         _RECENT.append(self)
         self._cycle = multilevel.aspreconditioner(cycle="W")
 
@@ -79,7 +79,7 @@ class Hierarchy:
 
     def cycle(self, r: jax.Array) -> jax.Array:
         """One W-cycle on a residual [n, d], inside a trace."""
-        return _Handle(np.int32(self.number)).cycle(r)
+        return _Handle(self.number).cycle(r)
 
 
 #: Hierarchies by number, as long as somebody holds them.
@@ -97,32 +97,24 @@ class _Handle:
 
     def cycle(self, r: jax.Array) -> jax.Array:
         """One W-cycle on a residual [n, d]."""
+
+        def on_host(number, r):
+            return _LIVE[int(number)].apply(np.asarray(r))
+
         out = jax.ShapeDtypeStruct(r.shape, r.dtype)
-        return jax.pure_callback(
-            lambda number, r: _LIVE[int(number)].apply(np.asarray(r)),
-            out,
-            self.number,
-            r,
-            vmap_method="sequential",
-        )
-
-
-def _flatten(hierarchy: Any) -> tuple[tuple[Any], None]:
-    number = hierarchy.number
-    return (np.int32(number) if isinstance(number, int) else number,), None
+        return jax.pure_callback(on_host, out, self.number, r, vmap_method="sequential")
 
 
 def _unflatten(_: None, leaves: Any) -> Any:
-    (number,) = leaves
-    if isinstance(number, np.generic | np.ndarray | jax.Array) and not isinstance(
-        number, jax.core.Tracer
-    ):
+    number = leaves[0]
+    held = isinstance(number, np.generic | np.ndarray | jax.Array)
+    if held and not isinstance(number, jax.core.Tracer):
         return _LIVE[int(number)]
     return _Handle(number)
 
 
-jax.tree_util.register_pytree_node(Hierarchy, _flatten, _unflatten)
-jax.tree_util.register_pytree_node(_Handle, _flatten, _unflatten)
+for _kind in (Hierarchy, _Handle):
+    jax.tree_util.register_pytree_node(_kind, lambda x: ((x.number,), None), _unflatten)
 
 
 def build_hierarchy(

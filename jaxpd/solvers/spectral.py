@@ -7,10 +7,10 @@ On a box whose faces are held or free the waves
     held, free  sin(pi (2 k + 1) (i + 1) / (2 N + 1))  k = 0 .. N - 1
 
 along the N free planes of an axis diagonalise the stiffness of the uniform lattice but
-for the coupling of its components and what a surface takes away. Their products, divided
-by the symbol of each component, are the preconditioner. Cracks, surfaces, the volume
-correction and a modulus that varies are left to the iteration: counts grow slowly with
-the size, where multigrid's do not, but it compiles in a fraction of the time.
+for the coupling of its components and what a surface takes away. Their products,
+divided by the symbol of each component, are the preconditioner. Cracks, surfaces, the
+volume correction and a modulus that varies are left to the iteration: counts grow
+slowly with the size, where multigrid's do not, but there is little to compile.
 
 Transforms are products with matrices of waves: at a thousand points a side they take no
 longer than the stiffness itself, and any number of points and mix of supports will do.
@@ -76,7 +76,7 @@ def build_spectral(
     inverse = np.zeros((d, *shape))
     for a in range(d):
         number = []
-        for axis, n in enumerate(shape):
+        for axis in range(d):
             others = tuple(b for b in range(d) if b != axis)
             Q, k, span = _waves(held[a].all(axis=others))
             waves[axis][a][span, : len(k)] = Q
@@ -91,9 +91,7 @@ def build_spectral(
             table = np.tensordot(table, cosine, axes=(0, 0))
         symbol = symbol - table
         floor = symbol[symbol > 1e-9 * symbol.max()].min()
-        symbol = np.maximum(
-            symbol, 0.25 * floor
-        )  # a wave without stiffness: a translation
+        symbol = np.maximum(symbol, 0.25 * floor)  # a translation has none
         inverse[a][tuple(slice(0, len(k)) for k in number)] = 1.0 / symbol
     return Spectral(tuple(w.astype(dtype) for w in waves), inverse.astype(dtype))
 

@@ -11,9 +11,10 @@ import pytest
 from jaxpd.geometry import find, lattice, rectangle, segment
 from jaxpd.geometry.family import bulk_volume, neighbourhood_volumes, partial_volumes
 from jaxpd.geometry.grid_family import find_on_grid, offset_shares
-from jaxpd.operators import BondForce, bond_weights
+from jaxpd.operators import BondForce, bond_weights, stencil
 from jaxpd.operators.lattice import LatticeTangent
 from jaxpd.operators.stencil import StencilForce
+from jaxpd.operators.stored import StencilBlocks
 from jaxpd.physics import Fractional, Microelastic
 from tests.catalogue import Hardening, LogStrain
 
@@ -81,6 +82,12 @@ def response(op, u, du):
 
 
 @jax.jit
+def computed_again(op, u, du):
+    K = dataclasses.replace(op, stored=False).tangent(u)
+    return K.mv(du), K.diagonal()
+
+
+@jax.jit
 def energies(op, u):
     return op.energy_per_point(u), jax.grad(op.energy)(u)
 
@@ -103,7 +110,7 @@ def agree(gather, stencil, rng):
     np.testing.assert_array_equal(A.indptr, B.indptr)
     np.testing.assert_array_equal(A.indices, B.indices)
     equal(B.data, A.data)
-    return u, force
+    return u, du, force, Kdu, own
 
 
 @jax.jit
@@ -127,13 +134,18 @@ def dense(coo, n):
 @pytest.mark.parametrize("name", CASES)
 def test_gather_and_stencil_agree_at_finite_displacements(rng, name):
     both = pair(name)
-    u, force = agree(both.gather, both.stencil, rng)
+    u, du, force, *stored = agree(both.gather, both.stencil, rng)
     # both momenta
     scale = np.abs(force).sum()
     x = np.asarray(both.gather.X + u)
     moment = x.T @ np.asarray(force)
     np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-14 * scale)
     np.testing.assert_allclose(moment - moment.T, 0.0, atol=1e-14 * scale)
+    if name != "block":
+        for again, kept in zip(
+            computed_again(both.stencil, u, du), stored, strict=True
+        ):
+            equal(again, kept)
     if name == "plate":
         energy, gradient = energies(both.stencil, u)
         equal(energy, jax.jit(lambda op, u: op.energy_per_point(u))(both.gather, u))
@@ -227,3 +239,45 @@ def test_cuts_in_traced_and_concrete_patterns(rng):
     S = op.tangent(jnp.asarray(rng.normal(scale=0.005, size=(n, d))))
     traced = jax.jit(lambda S: S.coo())(S)
     equal(dense(traced, n), S.to_bsr().toarray())
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ForceAlone:
+    law: Microelastic
+
+    def force(self, xi, eta):
+        return self.law.force(xi, eta)
+
+
+def test_rest_on_the_host_compiles_nothing_and_is_that_by_autodiff(rng, monkeypatch):
+    op, *_ = rest_case(rng, "plate", "vc")
+    bare = ForceAlone(dataclasses.replace(op.law, c=jnp.asarray(1.0)))
+    expected = dataclasses.replace(op, law=bare, blocks="ad").rest().parts
+    monkeypatch.setattr(stencil, "_compiled_rest_parts", None)
+    K = jax.tree.map(np.asarray, op).rest()
+    assert all(type(leaf) is np.ndarray for leaf in jax.tree.leaves(K))
+    equal(K.parts, expected)
+
+
+def test_stored_blocks_take_any_value_a_bond_and_give_gradients(rng):
+    op = pair("plate").stencil
+    n, k = op.family.n, len(op.family.offsets)
+    i, _, slot = op.family.ends()
+    entries = np.zeros((k, 4, n))
+    entries[slot, :, i] = rng.normal(size=(len(i), 4))
+    K = StencilBlocks.lay(entries, op.family, symmetric=False)
+    np.testing.assert_array_equal(K.blocks[slot, i].reshape(-1, 4), entries[slot, :, i])
+    A, (du, w) = K.to_bsr(), jnp.asarray(rng.normal(size=(2, n, 2)))
+
+    @jax.jit
+    def products(K, du, w):
+        work, slopes = jax.value_and_grad(lambda K: jnp.vdot(w, K.mv(du)), allow_int=1)(
+            K
+        )
+        return K.mv(du), K.diagonal(), work, slopes.parts
+
+    force, own, work, slope = products(K, du, w)
+    equal(force.ravel(), A @ np.asarray(du).ravel())
+    equal(own, diagonal(A))
+    equal(np.vdot(slope, K.parts), work)  # work is linear in the blocks

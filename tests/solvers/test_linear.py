@@ -1,16 +1,16 @@
 """Every linear solver on the same constrained tangent, against SciPy."""
 
-import dataclasses
+import types
 
-import jax
 import numpy as np
 import pytest
 import scipy.sparse.linalg as spla
 
 from jaxpd import gallery
-from jaxpd.problem import first_system, prepare
+from jaxpd.prepare import prepare
+from jaxpd.problem import first_system
 from jaxpd.solvers import LinearSolver, Status
-from jaxpd.solvers.linear import METHODS
+from jaxpd.solvers.linear import METHODS, linear_solver, solve_system
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def exact(problem):
 @pytest.mark.parametrize("method", METHODS)
 def test_all_solvers_agree_with_scipy(problem, exact, method):
     solver = problem.solver(method, 1e-10)
-    x, info = jax.jit(solver)(*first_system(problem))
+    x, info = solve_system(solver, *first_system(problem))
     assert Status(int(info.status)) is Status.CONVERGED
     assert np.abs(x - exact).max() <= 1e-7 * np.abs(exact).max()
     np.testing.assert_array_equal(np.asarray(x)[np.asarray(problem.fixed)], 0.0)
@@ -44,7 +44,7 @@ def test_amg_needs_few_iterations_and_several_levels(rng):
     assert solver.hierarchy.sizes[-1] <= 400
     assert solver.hierarchy.complexity < 1.5
     assert solver.hierarchy.seconds > 0
-    _, info = jax.jit(solver)(*first_system(problem))
+    _, info = solve_system(solver, *first_system(problem))
     assert int(info.iterations) <= 10
     cycle = solver.hierarchy.apply  # symmetric through its middle level, too
     a, b = rng.normal(size=(2, *problem.fixed.shape))
@@ -61,13 +61,13 @@ def test_the_cycle_is_symmetric_and_positive(problem, rng):
 
 def test_cg_refuses_what_is_not_symmetric(problem):
     K, constraints, b = first_system(problem)
-    skew = dataclasses.replace(K, symmetric=False)
+    skew = types.SimpleNamespace(mv=K.mv, symmetric=False)
     with pytest.raises(ValueError, match="is for symmetric tangents"):
-        LinearSolver("d-pcg")(skew, constraints, b)
+        LinearSolver(method="d-pcg")(skew, constraints, b)
 
 
 def test_unknown_methods_and_missing_hierarchies_are_refused():
     with pytest.raises(ValueError, match="method: 'magic' must be one of"):
-        LinearSolver("magic")
+        linear_solver("magic")
     with pytest.raises(ValueError, match="hierarchy: method 'amg' needs one"):
-        LinearSolver("amg")
+        linear_solver("amg")
