@@ -21,7 +21,7 @@ from jaxpd.geometry import (
 )
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
-from jaxpd.run import Solution, solve_static
+from jaxpd.run import Solution, keep_compiled, solve_static
 from jaxpd.scene import (
     Bonds,
     Elastic,
@@ -61,6 +61,7 @@ __all__ = [
     "gaussian",
     "geometry",
     "holds",
+    "keep_compiled",
     "lattice",
     "moves",
     "operators",

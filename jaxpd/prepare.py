@@ -201,7 +201,7 @@ def _check_words(
         raise ValueError(f"rtol: {rtol} must lie between 0 and 1; 1e-6 is common")
     if load_steps < 1:
         raise ValueError(f"load_steps: {load_steps} must be at least 1")
-    if jnp.zeros(()).dtype != jnp.float64 and rtol < 1e-3:
+    if jax.dtypes.canonicalize_dtype(float) != np.float64 and rtol < 1e-3:
         raise ValueError(
             f"rtol: {rtol} is out of reach of float32; put this line before any array "
             "is made: jax.config.update('jax_enable_x64', True)"
@@ -209,7 +209,7 @@ def _check_words(
 
 
 def _floats(name: str, tree: Any) -> Any:
-    real = jnp.zeros(()).dtype
+    real = jax.dtypes.canonicalize_dtype(float)
     try:
         return jax.tree.map(lambda x: np.asarray(x, real), tree)
     except TypeError as error:

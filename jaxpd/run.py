@@ -6,6 +6,7 @@ import functools
 import resource
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -24,8 +25,10 @@ from jaxpd.solvers.status import NotConverged, Status
 __all__ = [
     "Problem",
     "Solution",
+    "equilibrium",
     "first_system",
     "first_tangent",
+    "keep_compiled",
     "peak_memory",
     "prepare",
     "solve_static",
@@ -155,6 +158,33 @@ class Solution:
 def peak_memory() -> int:
     """Highest resident memory of this process so far (bytes)."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def keep_compiled(folder: str | Path = "~/.cache/jaxpd") -> Path:
+    """Keep compiled code in a folder and use it in later processes.
+
+    Call it once, before anything is solved. JAX's own persistent cache, told to keep
+    small and quickly compiled programs too: a solve of jaxpd is many of them. Code is
+    kept per shape; delete the folder to be rid of it.
+
+    Args:
+        folder: made if it does not exist; "~" is the home.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ValueError: if the folder cannot be made.
+    """
+    path = Path(folder).expanduser()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"folder: {folder} cannot be made ({error})") from error
+    jax.config.update("jax_compilation_cache_dir", str(path))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    return path
 
 
 def solve_static(scene: Scene, **options: Any) -> Solution:
