@@ -114,7 +114,9 @@ def lattice(
     ]
     X = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
     grid = Lattice(shape, float(dx), tuple(float(axis[0]) for axis in axes))
-    return Cloud(jnp.asarray(X), jnp.asarray(np.full(len(X), float(dx) ** lo_.size)), grid)
+    return Cloud(
+        jnp.asarray(X), jnp.asarray(np.full(len(X), float(dx) ** lo_.size)), grid
+    )
 
 
 def from_points(X: PointVector, vol: PointScalar) -> Cloud:

@@ -22,7 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from jaxpd.geometry.grid_family import GridFamily, inside
+from jaxpd.geometry.grid_family import GridFamily
 from jaxpd.operators.lattice import LatticeTangent
 from jaxpd.operators.transfer import Transfer
 
@@ -65,17 +65,18 @@ def uniform(
         far = np.tensordot(far, bands[1], axes=(0, 0))
     A = own - far  # [q, c_1, w_1, c_2, w_2, ..]
     shape = tuple(P.shape[1] for P in hats)
-    index = np.arange(int(np.prod(shape))).reshape(shape)
     A = np.moveaxis(A, [1 + 2 * a for a in range(d)], range(1, d + 1))
-    every = []
-    for e in np.ndindex(*[2 * w + 1 for w in width]):
-        step = [int(k - w) for k, w in zip(e, width, strict=True)]
-        at, to = inside(shape, step), inside(shape, [-k for k in step])
-        value = A[(slice(None), *at, *e)].reshape(len(A), -1)
-        every.append((index[at].ravel(), index[to].ravel(), value))
-    row, col, value = (np.concatenate(x, axis=-1) for x in zip(*every, strict=True))
-    c = index.size
-    return [sp.csr_array((v, (row, col)), shape=(c, c)) for v in value]
+    # one pattern for all components, its columns ascending as they come
+    wide = np.indices([2 * w + 1 for w in width]).reshape(d, -1).T - width
+    place = np.indices(shape).reshape(d, -1).T
+    to = place[:, None, :] + wide[None]
+    on = ((to >= 0) & (to < shape)).all(axis=2)
+    c = len(place)
+    stride = np.cumprod((1, *shape[:0:-1]))[::-1]
+    cols = (np.arange(c)[:, None] + (wide @ stride)[None])[on].astype(np.int32)
+    rows = np.append(0, np.cumsum(on.sum(axis=1))).astype(np.int32)
+    A = A.reshape(len(A), c, -1)
+    return [sp.csr_array((x[on], cols, rows), shape=(c, c)) for x in A]
 
 
 def irregular(lattice: LatticeTangent, move: Transfer) -> list[Sparse]:
@@ -118,6 +119,27 @@ def irregular(lattice: LatticeTangent, move: Transfer) -> list[Sparse]:
         )
         cut = lost.T @ sp.csr_array(sp.diags_array(parts[s, p]) @ lost) if len(i) else 0
         found.append(new - old - cut)
+    return found
+
+
+def carried(smooth: list[Sparse], rough: list[Sparse], move: Transfer) -> list[Sparse]:
+    """The irregular part of the next level: P^T (K + L) P less what K has by its hats.
+
+    Args:
+        smooth: K, of the uniform lattice on this level.
+        rough: L, the irregular part on this level.
+        move: P.
+    """
+    P = move.matrix
+    change = sp.csr_array(move.change)
+    hats = sp.csr_array(P - change)
+    rows = np.flatnonzero(np.diff(change.indptr))
+    some = sp.csr_array(change[rows].T)
+    found = []
+    for K, L in zip(smooth, rough, strict=True):
+        pulled = some @ sp.csr_array(K[rows])
+        cross = pulled @ hats
+        found.append(P.T @ L @ P + cross + cross.T + pulled @ change)
     return found
 
 

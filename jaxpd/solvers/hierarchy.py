@@ -20,9 +20,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from jaxpd.operators.coarsen import irregular, scaled, uniform
+from jaxpd.operators.coarsen import carried, irregular, scaled, uniform
 from jaxpd.operators.fft import FFTTangent, convolution
 from jaxpd.operators.lattice import LatticeTangent, index_pairs
+from jaxpd.operators.stored import whole
 from jaxpd.operators.transfer import (
     Transfer,
     axis_nodes,
@@ -97,8 +98,11 @@ def build_multigrid(
     own = np.asarray(fine.own).reshape(len(fine.own), -1)
     torn, reach = cut_keys(family), int(m / d**0.5 + 1e-9)
     apply: Any = fine.apply
-    plain: list[Any] = []
-    levels = []
+    # the stiffness of the level: of the uniform lattice, and of what is irregular in it
+    smooth: list[Any] = []
+    rough: list[Any] = []
+    hats: list[Any] = []
+    levels: list[Any] = []
     while True:
         held = fixed.all(axis=1)
         nodes = axis_nodes(held.reshape(shape), ratio)
@@ -112,16 +116,10 @@ def build_multigrid(
         weights = _chebyshev(degree + (2 if levels else 0), 1.1 * top, span)
         coarse = np.ravel_multi_index(np.meshgrid(*nodes, indexing="ij"), shape).ravel()
         levels.append((fine, inverse, weights, move, ~fixed[coarse]))
-        if not plain:
-            change = irregular(lattice, move)
-            plain = [
-                sp.csr_array(a + b)
-                for a, b in zip(
-                    uniform(family, lattice.parts, move.hats), change, strict=True
-                )
-            ]
-        else:
-            plain = [sp.csr_array(move.matrix.T @ a @ move.matrix) for a in plain]
+        hats = [h @ g for h, g in zip(hats, move.hats, strict=False)] or move.hats
+        rough = carried(smooth, rough, move) if smooth else irregular(lattice, move)
+        smooth = uniform(family, lattice.parts, hats)
+        plain = [sp.csr_array(a + b) for a, b in zip(smooth, rough, strict=True)]
         P = move.matrix
         weight = np.asarray(P.sum(axis=0)).ravel()
         weight = np.where(weight > 0, weight, 1.0)
@@ -159,23 +157,27 @@ def _level(
 
 def _couplings(matrices: list[Any], shape: tuple[int, ...]) -> Couplings:
     """CSR matrices by components as couplings of every point."""
-    every = [sp.coo_array(a) for a in matrices]
-    steps = [
-        np.stack(np.unravel_index(a.coords[1], shape))
-        - np.stack(np.unravel_index(a.coords[0], shape))
-        for a in every
-    ]
-    width = np.max([np.abs(e).max(axis=1) for e in steps], axis=0)
-    size = tuple(2 * width + 1)
-    codes = [np.ravel_multi_index(tuple(e + width[:, None]), size) for e in steps]
-    kinds = np.unique(np.concatenate(codes))
-    blocks = np.zeros((len(kinds), len(matrices), int(np.prod(shape))))
-    for q, (a, code) in enumerate(zip(every, codes, strict=True)):
-        blocks[np.searchsorted(kinds, code), q, a.coords[0]] = a.data
-    blocks = blocks.reshape(*blocks.shape[:2], *shape)
-    around = np.stack(np.unravel_index(kinds, size), axis=1).astype(np.int32)
-    own = (around == width).all(axis=1)
-    return Couplings(blocks[~own], around[~own], blocks[own][0], tuple(map(int, width)))
+    n, found = matrices[0].shape[0], []
+    place = np.stack(np.unravel_index(np.arange(n), shape))
+    for q, a in enumerate(matrices):
+        row = np.repeat(np.arange(n), np.diff(a.indptr))
+        later = a.indices > row
+        i, j = row[later], a.indices[later]
+        found.append((np.full(len(i), q), i, place[:, j] - place[:, i], a.data[later]))
+    q, i, step, value = (np.concatenate(x, axis=-1) for x in zip(*found, strict=True))
+    width = np.abs(step).max(axis=1, keepdims=True)
+    size = tuple(2 * width[:, 0] + 1)
+    kinds, slot = np.unique(
+        np.ravel_multi_index(tuple(step + width), size), return_inverse=True
+    )
+    stride = np.cumprod((1, *shape[:0:-1]))[::-1]
+    hops = (np.stack(np.unravel_index(kinds, size), axis=1) - width.T) @ stride
+    margin, length = whole(int(hops.max())), whole(n)
+    parts = np.zeros((len(kinds), len(matrices), margin + length), np.float32)
+    parts[slot, q, margin + i] = value
+    own = np.zeros((len(matrices), length))
+    own[:, :n] = [a.diagonal() for a in matrices]
+    return Couplings(parts, hops.astype(np.int32), own, margin)
 
 
 def _factors(

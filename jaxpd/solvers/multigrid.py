@@ -5,7 +5,7 @@ levels are made on the host by `jaxpd.solvers.hierarchy`:
 
     finest       the stiffness by convolution, its volume correction replaced by the
                  nearest product, 2 / (v_i + v_j) ~ (v_i v_j)^-1/2
-    in between   couplings with the points around, [w, q, *shape]
+    in between   couplings with the points around
     coarsest     factors of a block-tridiagonal matrix, a few rows of points a block
 """
 
@@ -16,8 +16,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.lax import dynamic_slice_in_dim
 
 from jaxpd.operators.fft import blocks_times
+from jaxpd.operators.lattice import index_pairs
 
 
 @jax.tree_util.register_dataclass
@@ -25,30 +27,45 @@ from jaxpd.operators.fft import blocks_times
 class Couplings:
     """A coarse stiffness: blocks between every point and the points around.
 
+    Points are one row, with a margin of zeros in front; a coupling is kept once, at its
+    first end, and read twice, as in `jaxpd.operators.stored`.
+
     Attributes:
-        blocks: upper triangles [w, q, *shape] of the blocks to the points at `steps`.
-        steps: their offsets [w, d].
-        own: upper triangles of the block diagonal [q, *shape].
+        parts: upper triangles of the blocks [w, q, margin + n + fill].
+        hops: how far they reach along the row [w].
+        own: upper triangles of the block diagonal [q, n + fill].
+        margin: in front of a row.
     """
 
-    blocks: jax.Array
-    steps: jax.Array
+    parts: jax.Array
+    hops: jax.Array
     own: jax.Array
-    width: tuple[int, ...] = field(metadata={"static": True})
+    margin: int = field(metadata={"static": True})
 
     def apply(self, u: jax.Array) -> jax.Array:
         """K u for components apart [d, *shape]."""
-        d, shape = u.shape[0], u.shape[1:]
-        padded = jnp.pad(u, ((0, 0), *((w, w) for w in self.width)))
+        d, size = u.shape[0], self.own.shape[1]
+        flat, front = u.reshape(d, -1), self.margin
+        n = flat.shape[1]
+        rows = [jnp.pad(x, (front, front + size - n)) for x in flat]
+        kept = index_pairs(d)
 
-        def add(total, slot):
-            blocks, step = slot
-            start = jnp.concatenate([jnp.zeros(1, step.dtype), step])
-            seen = jax.lax.dynamic_slice(padded, start, (d, *shape))
-            return total + blocks_times(blocks, seen, d), None
+        def add(force, item):
+            parts, hop = item
+            force = list(force)
+            for start, to in ((front, front + hop), (front - hop, front - hop)):
+                seen = [dynamic_slice_in_dim(x, to, size) for x in rows]
+                for q, (a, b) in enumerate(kept):
+                    part = dynamic_slice_in_dim(parts[q], start, size)
+                    force[a] = force[a] + part * seen[b]
+                    if a != b:
+                        force[b] = force[b] + part * seen[a]
+            return tuple(force), None
 
-        own = blocks_times(self.own, u, d)
-        return jax.lax.scan(add, own, (self.blocks, self.steps))[0]
+        here = jnp.stack([x[front : front + size] for x in rows])
+        begin = tuple(blocks_times(self.own, here, d))
+        force, _ = jax.lax.scan(add, begin, (self.parts, self.hops))
+        return jnp.stack([x[:n] for x in force]).reshape(u.shape)
 
 
 @jax.tree_util.register_dataclass
