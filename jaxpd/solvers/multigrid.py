@@ -16,7 +16,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.lax import dynamic_slice_in_dim
+import numpy as np
+from jax.lax import dynamic_slice, dynamic_slice_in_dim
 
 from jaxpd.operators.fft import blocks_times
 from jaxpd.operators.lattice import index_pairs
@@ -51,12 +52,13 @@ class Couplings:
         kept = index_pairs(d)
 
         def add(force, item):
-            parts, hop = item
+            slot, hop = item
             force = list(force)
             for start, to in ((front, front + hop), (front - hop, front - hop)):
                 seen = [dynamic_slice_in_dim(x, to, size) for x in rows]
                 for q, (a, b) in enumerate(kept):
-                    part = dynamic_slice_in_dim(parts[q], start, size)
+                    at = (slot, np.int32(q), jnp.asarray(start, hop.dtype))
+                    part = dynamic_slice(self.parts, at, (1, 1, size))[0, 0]
                     force[a] = force[a] + part * seen[b]
                     if a != b:
                         force[b] = force[b] + part * seen[a]
@@ -64,7 +66,8 @@ class Couplings:
 
         here = jnp.stack([x[front : front + size] for x in rows])
         begin = tuple(blocks_times(self.own, here, d))
-        force, _ = jax.lax.scan(add, begin, (self.parts, self.hops))
+        items = (jnp.arange(len(self.hops), dtype=self.hops.dtype), self.hops)
+        force, _ = jax.lax.scan(add, begin, items, unroll=2)
         return jnp.stack([x[:n] for x in force]).reshape(u.shape)
 
 
