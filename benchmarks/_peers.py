@@ -74,7 +74,7 @@ def assemble(problem: Problem, kind: str = "csr", constrained: bool = True) -> S
     family, d = rest.family, rest.d
     n, shape = family.n, family.shape
     mask = np.asarray(problem.fixed) & constrained
-    held = mask.all(axis=1)
+    held: NDArray[np.bool_] = np.asarray(mask.all(axis=1))
     if (mask.any(axis=1) != held).any():
         raise ValueError("problem: its points must be held in all components or none")
     given = np.where(mask, np.asarray(params["prescribed"]), 0.0)
@@ -91,7 +91,7 @@ def assemble(problem: Problem, kind: str = "csr", constrained: bool = True) -> S
     one = np.asarray(rest.parts)[:, at]
     blocks = np.concatenate([one[::-1], np.zeros((1, d, d)), one])  # [2k + 1, d, d]
     stays = [
-        (0 <= (to := np.arange(s)[:, None] + steps[:, a])) & (to < s)
+        ((to := np.arange(s)[:, None] + steps[:, a]) >= 0) & (to < s)
         for a, s in enumerate(shape)
     ]
     v = None if rest.v is None else np.asarray(rest.v)
@@ -149,9 +149,9 @@ def assemble(problem: Problem, kind: str = "csr", constrained: bool = True) -> S
             value = value[wide]
             rows.append(np.repeat(live.sum(axis=1) * d, d))
         else:
-            value = -f[live][:, None] * blocks.reshape(len(blocks), -1)[
-                np.nonzero(live)[1]
-            ]
+            value = (
+                -f[live][:, None] * blocks.reshape(len(blocks), -1)[np.nonzero(live)[1]]
+            )
             start = np.cumsum(live.sum(axis=1)) - live.sum(axis=1)
             value[start + live[:, :own].sum(axis=1)] = diagonal.reshape(len(i), -1)
             value, column = value.ravel(), columns_here[live]
@@ -216,7 +216,8 @@ def jacobi_cg(system: System, rtol: float = 1e-6, block: bool = False) -> Solved
         M: Any = sp.bsr_array((inverse, here[:-1], here), shape=A.shape)
     else:
         inverse = 1.0 / A.diagonal()
-        M = LinearOperator(A.shape, matvec=lambda r: inverse * r, dtype=inverse.dtype)
+        make: Any = LinearOperator
+        M = make(A.shape, matvec=lambda r: inverse * r, dtype=inverse.dtype)
     return _iterate(system, M, time.perf_counter() - start, rtol)
 
 
@@ -237,7 +238,8 @@ def amg_cg(system: System, rtol: float = 1e-6) -> Solved:
     """CG by SciPy with pyamg's smoothed aggregation; the matrix is best in BSR."""
     start = time.perf_counter()
     smoother = ("gauss_seidel", {"sweep": "symmetric"})
-    hierarchy = pyamg.smoothed_aggregation_solver(
+    make: Any = pyamg.smoothed_aggregation_solver
+    hierarchy = make(
         system.matrix,
         B=rigid_modes(system.X),
         strength=("symmetric", {"theta": 0.0}),

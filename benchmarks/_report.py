@@ -13,6 +13,7 @@ import os
 import platform
 import statistics
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -35,6 +36,30 @@ def is_quick(description: str | None) -> bool:
     parser = argparse.ArgumentParser(description=first)
     parser.add_argument("--quick", action="store_true", help="a part, under 45 s")
     return parser.parse_args().quick
+
+
+def asked_part() -> dict[str, Any] | None:
+    """The part and the arguments that a fresh process was started for, if it was."""
+    return json.loads(sys.argv[2]) if sys.argv[1:2] == ["--part"] else None
+
+
+def fresh(script: str, part: str, **arguments: Any) -> dict[str, Any]:
+    """Run one part of a script in a fresh process, alone; it prints JSON.
+
+    What the process says on stderr is shown only if it fails: with kept code JAX may
+    print long harmless lines.
+    """
+    asked = json.dumps({"part": part} | arguments)
+    done = subprocess.run(
+        [sys.executable, script, "--part", asked],
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode:
+        raise RuntimeError(
+            f"{asked} ended with {done.returncode}:\n{done.stderr[-2000:]}"
+        )
+    return json.loads(done.stdout.strip().splitlines()[-1])
 
 
 def median_seconds(call: Callable[[], Any], repeats: int = 3) -> tuple[float, Any]:

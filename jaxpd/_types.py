@@ -5,9 +5,11 @@ neighbours that a point has). Families are stored slot by slot, `[k, n]`: a loop
 slots then reads memory in order, which on a CPU is several times faster than `[n, k]`.
 """
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
 Scalar: TypeAlias = Annotated[jax.Array, "[]"]
 Vector: TypeAlias = Annotated[jax.Array, "[d]"]
@@ -19,3 +21,11 @@ BondIndex: TypeAlias = Annotated[jax.Array, "[k, n] int32"]
 BondScalar: TypeAlias = Annotated[jax.Array, "[k, n]"]
 BondVector: TypeAlias = Annotated[jax.Array, "[k, n, d]"]
 BondTensor: TypeAlias = Annotated[jax.Array, "[k, n, d, d]"]
+
+
+def namespace(*arrays: Any) -> Any:
+    """`numpy` if none of the arrays is JAX's, else `jax.numpy`.
+
+    What is written with it runs on the host without compilation, or inside a trace.
+    """
+    return jnp if any(isinstance(a, jax.Array) for a in arrays) else np

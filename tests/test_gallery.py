@@ -7,8 +7,8 @@ import pytest
 
 from jaxpd import gallery, prepare, solve_static
 from jaxpd.problem import first_system
-from jaxpd.solvers.linear import solve_system
 from jaxpd.solvers import extremes, pcg, point_jacobi
+from jaxpd.solvers.linear import solve_system
 
 
 @jax.jit

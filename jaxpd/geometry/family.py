@@ -36,6 +36,7 @@ from jaxpd._types import (
     PointScalar,
     PointVector,
     Scalar,
+    namespace,
 )
 from jaxpd.geometry.cloud import Cloud, Lattice
 from jaxpd.geometry.crack import Crack
@@ -215,7 +216,7 @@ def partial_volume(length: jax.Array, delta: Scalar, dx: jax.Array, rule: str):
     Source: the linear rule of Hu, Ha and Bobaru (2010), as used by the tables of paper
     000 (found by comparison; the paper does not state it).
     """
-    xp = length.__array_namespace__()
+    xp = namespace(length, delta, dx)
     if rule == "none":
         return xp.ones_like(length)
     return xp.clip((delta - length) / dx + 0.5, 0.0, 1.0)

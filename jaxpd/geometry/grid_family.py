@@ -22,6 +22,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd._types import namespace
 from jaxpd.geometry.cloud import Cloud, Lattice
 from jaxpd.geometry.crack import Crack
 from jaxpd.geometry.family import HORIZON_TOLERANCE, PARTIAL_RULES, partial_volume
@@ -220,7 +221,7 @@ def offset_sums(family: GridFamily, values: Any) -> Any:
 
     Each axis is summed on its own: a box of points sees a box of offsets.
     """
-    xp = values.__array_namespace__()
+    xp = namespace(values, family.cut)
     reach, steps = family.reach, family.steps
     size = tuple(2 * reach + 1)
     both = np.concatenate([steps, -steps]) + reach

@@ -27,7 +27,7 @@ import scipy.fft
 import scipy.sparse as sp
 from scipy.special import ellipj, ellipk
 
-from jaxpd._types import PointTensor, PointVector
+from jaxpd._types import PointTensor, PointVector, namespace
 from jaxpd.geometry.grid_family import add_at, offset_sums
 from jaxpd.operators.lattice import LatticeTangent, index_pairs
 
@@ -68,7 +68,7 @@ def separated(v: Any, at: tuple[float, ...]) -> Any:
     for t in at:
         fields.append(left * (2.0 * t**0.5) / (t + v))
         left = left * (t - v) / (t + v)
-    return v.__array_namespace__().stack(fields)
+    return namespace(v).stack(fields)
 
 
 @jax.tree_util.register_dataclass
@@ -107,7 +107,8 @@ class FFTTangent:
 
     def apply(self, u: jax.Array) -> jax.Array:
         """K u for components apart [d, *shape] (N)."""
-        d, xp = self.lattice.d, u.__array_namespace__()
+        d, xp = self.lattice.d, namespace(u, self.own)
+        u = xp.asarray(u)
         force = blocks_times(self.own, u, d)
         if self.left is None:
             force = force - self._convolve(u)
@@ -124,7 +125,7 @@ class FFTTangent:
     def _convolve(self, u: jax.Array) -> jax.Array:
         """The off-diagonal blocks of all offsets times u [..., d, *shape]."""
         d, shape = self.lattice.d, self.lattice.family.shape
-        axes, xp = tuple(range(-d, 0)), u.__array_namespace__()
+        axes, xp = tuple(range(-d, 0)), namespace(u)
         U = xp.fft.rfftn(u, self.lengths, axes=axes)
         turned = (xp.roll(U, s, axis=-d - 1) if s else U for s in range(d))
         symbol = self.symbol.reshape(
@@ -154,7 +155,7 @@ class FFTTangent:
 def blocks_times(blocks: Any, u: Any, d: int) -> Any:
     """Symmetric blocks by their upper triangles [q, ...] times u [d, ...]."""
     at = {ab: q for q, ab in enumerate(index_pairs(d))}
-    total, xp = 0.0, u.__array_namespace__()
+    total, xp = 0.0, namespace(u)
     for s in range(d):
         pairs = [(a, (a - s) % d) for a in range(d)]
         entry = [at[min(ab), max(ab)] for ab in pairs]
@@ -174,7 +175,8 @@ def convolution(lattice: LatticeTangent, at: tuple[float, ...] = ()) -> FFTTange
             by the nearest product, (v_i v_j)^-1/2, which is good for preconditioning.
     """
     family, parts = lattice.family, lattice.parts
-    xp, d, shape = parts.__array_namespace__(), lattice.d, family.shape
+    d, shape = lattice.d, family.shape
+    xp = namespace(parts, lattice.v, lattice.c, family.cut)
     reach, steps = family.reach, family.steps
     lengths = tuple(
         scipy.fft.next_fast_len(int(n + r), real=True)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 
+from jaxpd._types import namespace
 from jaxpd.operators.constraints import Constraints
 from jaxpd.operators.protocol import ForceOperator, Tangent
 from jaxpd.solvers.krylov import KrylovInfo
@@ -105,7 +106,7 @@ def solve_linear(
 
 def one_solve(krylov: KrylovInfo, settings: Newton) -> NewtonInfo:
     """The record of a solve that took one linear solve; NumPy's of a NumPy record."""
-    xp = krylov.residuals.__array_namespace__()
+    xp = namespace(krylov.residuals)
     k = krylov.iterations  # jax.scipy's CG: -1, and the second entry is the last
     last = krylov.residuals[xp.where(k < 0, 1, k)]
     zero, one = xp.zeros((), xp.int32), xp.ones((), xp.int32)
