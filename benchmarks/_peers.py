@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pyamg
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from pyamg.relaxation.smoothing import change_smoothers
 from scipy.sparse.linalg import LinearOperator, cg
 
 from jaxpd import Problem
@@ -235,7 +236,11 @@ def rigid_modes(X: Vector) -> Vector:
 
 
 def amg_cg(system: System, rtol: float = 1e-6) -> Solved:
-    """CG by SciPy with pyamg's smoothed aggregation; the matrix is best in BSR."""
+    """CG by SciPy with pyamg's smoothed aggregation, from a BSR matrix.
+
+    Aggregates need the blocks; sweeps and products are 2.5 times as fast in CSR, so
+    that the levels are turned to it once they stand.
+    """
     start = time.perf_counter()
     smoother = ("gauss_seidel", {"sweep": "symmetric"})
     make: Any = pyamg.smoothed_aggregation_solver
@@ -246,8 +251,12 @@ def amg_cg(system: System, rtol: float = 1e-6) -> Solved:
         presmoother=smoother,
         postsmoother=smoother,
     )
+    for level in hierarchy.levels[:-1]:
+        level.A = sp.csr_array(level.A)
+    change_smoothers(hierarchy, smoother, smoother)
+    fast = replace(system, matrix=hierarchy.levels[0].A)
     M = hierarchy.aspreconditioner(cycle="V")
-    return _iterate(system, M, time.perf_counter() - start, rtol)
+    return _iterate(fast, M, time.perf_counter() - start, rtol)
 
 
 #: Peers by name: the kind of matrix, and the solver.
