@@ -66,7 +66,7 @@ class Hierarchy:
         self.sizes = [level.A.shape[0] for level in multilevel.levels]
         self.complexity = float(multilevel.operator_complexity())
         self.seconds = seconds
-        self.number = np.int32(next(_NUMBERS))
+        self.number: Any = np.int32(next(_NUMBERS))
         _LIVE[int(self.number)] = self
         _RECENT.append(self)
         self._cycle = multilevel.aspreconditioner(cycle="W")
@@ -79,7 +79,12 @@ class Hierarchy:
 
     def cycle(self, r: jax.Array) -> jax.Array:
         """One W-cycle on a residual [n, d], inside a trace."""
-        return _Handle(self.number).cycle(r)
+
+        def on_host(number, r):
+            return _LIVE[int(number)].apply(np.asarray(r))
+
+        out = jax.ShapeDtypeStruct(r.shape, r.dtype)
+        return jax.pure_callback(on_host, out, self.number, r, vmap_method="sequential")
 
 
 #: Hierarchies by number, as long as somebody holds them.
@@ -89,32 +94,19 @@ _NUMBERS = itertools.count()
 _RECENT: collections.deque[Hierarchy] = collections.deque(maxlen=4)
 
 
-class _Handle:
-    """A hierarchy inside a trace: the number alone."""
-
-    def __init__(self, number: Any):
-        self.number = number
-
-    def cycle(self, r: jax.Array) -> jax.Array:
-        """One W-cycle on a residual [n, d]."""
-
-        def on_host(number, r):
-            return _LIVE[int(number)].apply(np.asarray(r))
-
-        out = jax.ShapeDtypeStruct(r.shape, r.dtype)
-        return jax.pure_callback(on_host, out, self.number, r, vmap_method="sequential")
-
-
-def _unflatten(_: None, leaves: Any) -> Any:
+def _unflatten(_: None, leaves: Any) -> Hierarchy:
     number = leaves[0]
     held = isinstance(number, np.generic | np.ndarray | jax.Array)
     if held and not isinstance(number, jax.core.Tracer):
         return _LIVE[int(number)]
-    return _Handle(number)
+    traced = object.__new__(Hierarchy)  # knows its number, and so `cycle`, alone
+    traced.number = number
+    return traced
 
 
-for _kind in (Hierarchy, _Handle):
-    jax.tree_util.register_pytree_node(_kind, lambda x: ((x.number,), None), _unflatten)
+jax.tree_util.register_pytree_node(
+    Hierarchy, lambda hierarchy: ((hierarchy.number,), None), _unflatten
+)
 
 
 def build_hierarchy(
