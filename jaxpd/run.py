@@ -18,7 +18,7 @@ from jaxpd.geometry import Crack, Region
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem, first_system, first_tangent, host_system
 from jaxpd.scene import Scene
-from jaxpd.solvers.linear import solve_system
+from jaxpd.solvers.linear import LinearSolver, quickly, solve_system
 from jaxpd.solvers.newton import NewtonInfo, one_solve
 from jaxpd.solvers.status import NotConverged, Status
 
@@ -34,6 +34,8 @@ __all__ = [
     "solve_static",
 ]
 
+#: Points up to which compiling takes longer than solving.
+QUICK_POINTS = 50_000
 _solve = jax.jit(Problem.solve)
 
 
@@ -212,10 +214,12 @@ def equilibrium(problem: Problem) -> tuple[PointVector, NewtonInfo]:
 
     On a lattice with small displacements everything but the iteration is done in NumPy.
     """
+    small = len(problem.X) <= QUICK_POINTS
     if problem.spec.operator != "fft":
-        return _solve(problem)
+        return (quickly(Problem.solve) if small else _solve)(problem)
     K, constraints, b = host_system(problem)
-    x, krylov = solve_system(problem.linear, K, constraints, b)
+    solve = quickly(LinearSolver.__call__) if small else solve_system
+    x, krylov = solve(problem.linear, K, constraints, b)
     u = np.where(constraints.fixed, constraints.values, np.asarray(x))
     record = jax.tree.map(np.asarray, krylov)
     return jnp.asarray(u), one_solve(record, problem.spec.newton)

@@ -14,6 +14,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -97,3 +99,22 @@ def linear_solver(
 
 #: A linear solve under `jit`; a new hierarchy of the same sizes is not compiled anew.
 solve_system = jax.jit(LinearSolver.__call__)
+
+#: Options of XLA's CPU compiler for what runs once: half the time to compile, and a run
+#: time up to a fifth longer (benchmarks/solvers.py).
+QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+
+
+@functools.cache
+def quickly(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`jax.jit` of a function that is to be ready soon rather than to run fast.
+
+    Plain `jax.jit` where the platform or its compiler does not know the options.
+    """
+    if jax.default_backend() == "cpu":
+        try:
+            jax.jit(lambda x: x, compiler_options=QUICK).lower(0.0).compile()
+        except Exception:  # whatever a compiler says of options that it does not know
+            return jax.jit(function)
+        return jax.jit(function, compiler_options=QUICK)
+    return jax.jit(function)
