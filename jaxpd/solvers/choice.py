@@ -1,8 +1,10 @@
 """Which linear solver is ready first: compilation, set-up and iterations added up.
 
 A rough model, good to a factor of two, which is enough: where two solvers are close it
-does not matter which one is taken. Its constants were fitted to
-`benchmarks/results/solvers.json`, on two cores; a faster machine scales all of them.
+does not matter which one is taken. Plain diagonally preconditioned CG on a fast product
+is ready first for small, well-conditioned systems; a preconditioner that compiles in
+little time for one larger solve; multigrid for large or many ones. The constants were
+measured by `benchmarks/solvers.py` on two cores; a faster machine scales all of them.
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ import numpy as np
 from jaxpd.operators.lattice import LatticeTangent
 from jaxpd.solvers.spectral import build_spectral
 
-#: Seconds to trace and compile the iteration, by method and dimensions of space.
-COMPILE = {"d-pcg": 1.2, "spectral": 1.7, "multigrid": 3.6}
+#: Seconds of processor time to trace and compile the iteration.
+COMPILE = {"d-pcg": 1.3, "spectral": 1.4, "multigrid": 2.7}
 #: Seconds for a transform there and back, per padded point and component.
 TRANSFORM = 2.2e-8
 #: Seconds for a product with waves, per multiplication.
