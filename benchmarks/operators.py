@@ -106,7 +106,7 @@ def measure(d: int, n: int, m: float, correction: str, repeats: int) -> dict[str
     tasks: dict[str, Callable[[], dict[str, Any]]] = {
         "stencil": lambda: device_product(rest, u, repeats),
         "fft": lambda: device_product(
-            convolution(rest, problem.spec.pivots), u, repeats
+            convolution(rest, problem.spec.pivots, problem.spec.patches), u, repeats
         ),
     }
     if bonds <= MOST_BONDS:

@@ -90,7 +90,7 @@ def _refuse_absurd(parser: argparse.ArgumentParser, args: argparse.Namespace) ->
 @jax.jit
 def _block_difference(problem: Problem, u: jax.Array) -> jax.Array:
     """Largest difference of AD and hand-derived blocks, relative to each block."""
-    operator, _, _ = problem.build(problem.params)
+    operator: Any = problem.build(problem.params)[0]
     ad = operator.tangent(u).parts
     hand = type(operator)(**{**vars(operator), "blocks": "hand"}).tangent(u).parts
     size = jnp.max(jnp.abs(hand), axis=1)

@@ -14,13 +14,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd.body import check_held, cloud_of, loads_on, supports_on
-from jaxpd.discretize.surface import relative_volumes
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.geometry.grid_family import offset_sums
-from jaxpd.operators.fft import pivots
 from jaxpd.operators.lattice import index_pairs
+from jaxpd.operators.patches import share
 from jaxpd.physics import bond_block, elastic
-from jaxpd.problem import OPERATORS, Params, Problem, Spec, first_tangent
+from jaxpd.problem import (
+    OPERATORS,
+    Params,
+    Problem,
+    Spec,
+    first_tangent,
+    separate,
+)
 from jaxpd.scene import Elastic, Kernel, Scene
 from jaxpd.solvers.choice import cheapest
 from jaxpd.solvers.linear import METHODS, LinearSolver
@@ -127,11 +133,9 @@ def prepare(
         family = find_on_grid(cloud, delta, **how)
         params["dx"] = np.asarray(cloud.lattice.dx, X.dtype)
     check_held(X, family, fixed)
-    terms = ()
-    if operator != "gather" and correction != "none":
-        terms = pivots(
-            relative_volumes(family, params["delta"], params["dx"], correction)
-        )
+    separation = {}
+    if isinstance(family, GridFamily):
+        separation = separate(family, params, correction)
     spec = Spec(
         *model,
         kernel=kernel.name if isinstance(kernel, Kernel) else "own",
@@ -146,7 +150,7 @@ def prepare(
             max_total=max(200, load_steps * max_iterations),
         ),
         operator=operator,
-        pivots=terms,
+        **separation,
     )
     problem = Problem(params, family, fixed, X, LinearSolver(), spec)
     _check_stiff(problem)
@@ -182,7 +186,8 @@ def _solver(problem: Problem) -> str:
     if not isinstance(problem.family, GridFamily):
         return "d-pcg" if problem.spec.symmetric else "direct"
     finite = problem.spec.kinematics == "finite"
-    terms = max(1, len(problem.spec.pivots))
+    later = max(0, len(problem.spec.pivots) - 1)
+    terms = round(1 + later * share(problem.family, problem.spec.patches))
     return cheapest(problem.rest(), problem.fixed, 3 if finite else 1, terms)
 
 

@@ -11,6 +11,7 @@ them outside a trace: such a solve compiles its iteration and nothing else.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,9 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointVector
-from jaxpd.discretize.surface import relative_volumes
+from jaxpd.discretize.surface import over_bulk, relative_volumes
 from jaxpd.geometry import Family
-from jaxpd.geometry.grid_family import GridFamily, offset_shares
+from jaxpd.geometry.grid_family import GridFamily, offset_shares, without
 from jaxpd.operators import (
     BondForce,
     Constraints,
@@ -31,6 +32,8 @@ from jaxpd.operators import (
     bond_weights,
     convolution,
 )
+from jaxpd.operators.fft import pivots
+from jaxpd.operators.patches import Box, rim_boxes
 from jaxpd.physics import Microelastic, micromodulus
 from jaxpd.scene import Kernel
 from jaxpd.solvers.amg import build_hierarchy
@@ -58,6 +61,7 @@ class Spec:
     newton: Newton
     operator: str
     pivots: tuple[float, ...] = ()
+    patches: tuple[Box, ...] = ()
 
 
 @jax.tree_util.register_dataclass
@@ -112,7 +116,9 @@ class Problem:
             family, dx, v = self.family, params["dx"], None
             weight = offset_shares(family, delta, dx) * dx ** (2 * self.X.shape[1])
             if spec.correction != "none":
-                v = relative_volumes(family, delta, dx, spec.correction)
+                # relative to the bulk, so that v is 1 there whatever the convention
+                v = relative_volumes(family, delta, dx, "lattice")
+                weight = weight * over_bulk(family, delta, dx, spec.correction)
             force = StencilForce(
                 family, dx, weight, v, None, law, spec.tangent, spec.symmetric
             )
@@ -131,7 +137,7 @@ class Problem:
         rest = operator.rest()
         if self.spec.operator == "stencil" and self.spec.kinematics == "small":
             return rest
-        return convolution(rest, self.spec.pivots)
+        return convolution(rest, self.spec.pivots, self.spec.patches)
 
     def solve(self, params: Params | None = None) -> tuple[PointVector, NewtonInfo]:
         """Displacements [n, d] (m) in equilibrium, and how the solve went. Pure."""
@@ -162,6 +168,21 @@ class Problem:
             hierarchy = build_hierarchy(K, np.asarray(self.X), np.asarray(self.fixed))
         return linear_solver(method, rtol, maxiter, hierarchy)
 
+    def without(self, bonds: Any) -> Problem:
+        """This problem less some bonds, (point, slot) [2, b] of its family. Host only.
+
+        The linear solver is kept; `solver` makes one that knows of the loss.
+
+        Raises:
+            ValueError: if the bonds are index lists.
+        """
+        if not isinstance(self.family, GridFamily):
+            raise ValueError("bonds: only families of a lattice lose bonds by slot yet")
+        family = without(self.family, np.asarray(bonds))
+        separation = separate(family, self.params, self.spec.correction)
+        spec = dataclasses.replace(self.spec, **separation)
+        return dataclasses.replace(self, family=family, spec=spec)
+
     def rest(self) -> LatticeTangent:
         """Stiffness of the undeformed lattice in NumPy arrays. Host only.
 
@@ -176,6 +197,14 @@ class Problem:
         operator, _, _ = self.build(jax.tree.map(np.asarray, self.params))
         assert isinstance(operator, StencilForce)
         return jax.tree.map(np.asarray, operator.rest())
+
+
+def separate(family: GridFamily, params: Params, correction: str) -> dict[str, Any]:
+    """How the volume correction of a lattice is separated: fields of a `Spec`."""
+    if correction == "none":
+        return {}
+    v = relative_volumes(family, params["delta"], params["dx"], "lattice")
+    return {"pivots": pivots(np.asarray(v)), "patches": rim_boxes(family)}
 
 
 @jax.jit
@@ -195,8 +224,10 @@ def first_system(problem: Problem) -> tuple[Any, Constraints, PointVector]:
 def host_system(problem: Problem) -> tuple[FFTTangent, Constraints, Any]:
     """The same by convolution, on the host and without any compilation."""
     params = jax.tree.map(np.asarray, problem.params)
-    constraints = Constraints(np.asarray(problem.fixed), params["prescribed"])
-    K = convolution(problem.rest(), problem.spec.pivots)
+    fixed: Any = np.asarray(problem.fixed)
+    constraints = Constraints(fixed, params["prescribed"])
+    spec = problem.spec
+    K = convolution(problem.rest(), spec.pivots, spec.patches)
     lift = np.where(constraints.fixed, constraints.values, 0.0)
     b = np.where(constraints.fixed, 0.0, params["load"] - K.mv(lift))
     return K, constraints, b

@@ -72,13 +72,20 @@ def relative_volumes(family: GridFamily, delta: Scalar, dx: Scalar, V0: str) -> 
     Raises:
         ValueError: on another V0.
     """
-    d = len(family.shape)
     beta = offset_shares(family, delta, dx)
-    if V0 == "lattice":
-        whole = 1.0 + 2.0 * beta.sum()
-    elif V0 == "analytic":
-        whole = ball_volume(delta / dx, d)
-    else:
-        raise ValueError(f"V0: {V0!r} must be 'lattice' or 'analytic'")
     V = 1.0 + offset_sums(family, beta)
-    return V.ravel() / whole
+    return V.ravel() / (1.0 + 2.0 * beta.sum()) / over_bulk(family, delta, dx, V0)
+
+
+def over_bulk(family: GridFamily, delta: Scalar, dx: Scalar, V0: str) -> Any:
+    """V0 over the volume of a whole neighbourhood of a lattice [] (-).
+
+    Raises:
+        ValueError: on another V0.
+    """
+    if V0 == "lattice":
+        return 1.0
+    if V0 != "analytic":
+        raise ValueError(f"V0: {V0!r} must be 'lattice' or 'analytic'")
+    bulk = 1.0 + 2.0 * offset_shares(family, delta, dx).sum()
+    return ball_volume(delta / dx, len(family.shape)) / bulk

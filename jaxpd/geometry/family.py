@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -229,7 +230,7 @@ def partial_volumes(
     size = vol ** (1.0 / X.shape[1])
     here = jnp.arange(X.shape[0], dtype=family.nbr.dtype)
 
-    def beta(xi, nbr):
+    def beta(xi, nbr) -> Any:
         length = jnp.sqrt(jnp.sum(xi * xi, axis=1))
         dx = 0.5 * (size + size[nbr])
         return jnp.where(

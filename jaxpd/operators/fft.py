@@ -11,8 +11,11 @@ The volume correction 2 / (v_i + v_j) is a Cauchy kernel: elimination at a few p
     2 / (v + w) = sum_k f_k(v) f_k(w) + remainder,
     remainder   = 2 / (v + w) prod_t (t - v)(t - w) / ((t + v)(t + w)),
 
-leaves less than `SEPARATION` of it after five or six pivots. Zero padding by the reach
-of the offsets makes free surfaces exact. Missing bonds are a list, sorted by row.
+leaves less than `SEPARATION` of it after five or six pivots. The first is the bulk's v:
+its term is exact for all bonds with an end in the bulk, and the others vanish there, so
+that patches along the rim are enough for them (`jaxpd.operators.patches`). Zero padding
+by the reach of the offsets makes free surfaces exact. Missing bonds are a list, sorted
+by row.
 """
 
 from __future__ import annotations
@@ -23,39 +26,64 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
 import scipy.sparse as sp
 from scipy.special import ellipj, ellipk
 
 from jaxpd._types import PointTensor, PointVector, namespace
 from jaxpd.geometry.grid_family import add_at, offset_sums
 from jaxpd.operators.lattice import LatticeTangent, index_pairs
+from jaxpd.operators.patches import Box, Patches, convolve, padded, spectrum, stacked
 
 #: Largest relative error of the factor of a bond through the separated correction.
 SEPARATION = 1e-9
 MOST_TERMS = 16
 
 
-def pivots(v: Any, separation: float = SEPARATION) -> tuple[float, ...]:
-    """Fewest pivots that separate 2 / (v_i + v_j) over the range of v [n]. Host only.
+def pivots(
+    v: Any, separation: float = SEPARATION, bulk: float = 1.0
+) -> tuple[float, ...]:
+    """Pivots that separate 2 / (v_i + v_j) over the range of v [n]. Host only.
 
-    Zolotarev's points, known from the parameters of alternating directions
-    (E. L. Wachspress), are the best for an interval. The relative error of a bond is
-    the geometric mean of what is tested here at its ends.
+    The value of the bulk comes first. The relative error of a bond is the geometric
+    mean of what is tested here at its ends.
     """
-    low, high = float(np.min(v)), float(np.max(v)) * (1 + 1e-12)
-    modulus = 1.0 - (low / high) ** 2
-    quarter = ellipk(modulus)
-    value = np.geomspace(low, high, 1000)
-    for count in range(1, MOST_TERMS + 1):
-        phase = (np.arange(count) + 0.5) / count * quarter
-        at = high * ellipj(phase, modulus)[2]
-        if (
-            np.prod(((at[:, None] - value) / (at[:, None] + value)) ** 2, axis=0).max()
-            < separation
-        ):
+    low, high = float(np.min(v)), max(float(np.max(v)), bulk)
+    value, at = np.geomspace(low, high, 1000), np.array([bulk])
+    for count in range(MOST_TERMS):
+        at = np.append(bulk, _levelled(low, bulk, count))
+        if np.exp(_log_error(at, value)).max() < separation:
             break
     return tuple(map(float, at))
+
+
+def _levelled(low: float, bulk: float, count: int) -> Any:
+    """Pivots [count] that with the bulk's leave errors of equal height between them.
+
+    Zolotarev's points, known from the parameters of alternating directions (E. L.
+    Wachspress), are the best for an interval. The last of them is moved to the bulk,
+    and the others follow by Newton's method on the logarithms (Remez).
+    """
+    if count == 0 or low >= bulk:
+        return np.full(count, bulk)
+    modulus = 1.0 - (low / bulk) ** 2
+    phase = (np.arange(count, -1, -1) + 0.5) / (count + 1) * ellipk(modulus)
+    at = bulk * ellipj(phase, modulus)[2][:-1]
+    for _ in range(10):
+        knots = np.concatenate([[low], at, [bulk]])
+        value = np.geomspace(knots[:-1], knots[1:], 99)
+        error = _log_error(np.append(at, bulk), value)
+        peak = value[error.argmax(axis=0), np.arange(count + 1)]
+        slope = 4.0 * at * peak[:, None] / (at**2 - peak[:, None] ** 2)
+        system = np.column_stack([slope, -np.ones(count + 1)])
+        move = np.linalg.solve(system, -error.max(axis=0))[:count]
+        at = at * np.exp(np.clip(move, -0.05, 0.05))
+    return at
+
+
+def _log_error(at: Any, value: Any) -> Any:
+    """Logarithm of the error of bonds both ends of which have a value [...]."""
+    t = at.reshape(-1, *(1,) * value.ndim)
+    return 2.0 * np.log(np.abs((t - value) / (t + value)) + 1e-300).sum(axis=0)
 
 
 def separated(v: Any, at: tuple[float, ...]) -> Any:
@@ -86,6 +114,8 @@ class FFTTangent:
             directions of each.
         rows, cols: their points [2b], rows ascending.
         lengths: padded points along each axis.
+        patches: the terms that vanish in the bulk, on boxes along the rim; without any,
+            all terms are in `left` and `right`.
     """
 
     lattice: LatticeTangent
@@ -97,6 +127,7 @@ class FFTTangent:
     rows: Any
     cols: Any
     lengths: tuple[int, ...] = field(metadata={"static": True})
+    patches: tuple[Patches, ...] = ()
 
     symmetric = True
 
@@ -115,6 +146,8 @@ class FFTTangent:
         else:
             terms = self.right[:, None] * u[None]
             force = force - xp.sum(self.left[:, None] * self._convolve(terms), axis=0)
+        for patch in self.patches:
+            force = patch.subtract(force, u)
         if self.rows.shape[0] == 0:
             return force
         flat = u.reshape(d, -1)
@@ -124,16 +157,8 @@ class FFTTangent:
 
     def _convolve(self, u: jax.Array) -> jax.Array:
         """The off-diagonal blocks of all offsets times u [..., d, *shape]."""
-        d, shape = self.lattice.d, self.lattice.family.shape
-        axes, xp = tuple(range(-d, 0)), namespace(u)
-        U = xp.fft.rfftn(u, self.lengths, axes=axes)
-        turned = (xp.roll(U, s, axis=-d - 1) if s else U for s in range(d))
-        symbol = self.symbol.reshape(
-            d, *(1,) * (u.ndim - d - 1), *self.symbol.shape[1:]
-        )
-        Y = sum(S * Us for S, Us in zip(symbol, turned, strict=True))
-        y = xp.fft.irfftn(Y, self.lengths, axes=axes)
-        return y[(..., *(slice(0, n) for n in shape))]
+        y = convolve(self.symbol, self.lengths, u)
+        return y[(..., *(slice(0, n) for n in self.lattice.family.shape))]
 
     def diagonal(self) -> PointTensor:
         """Block diagonal of K [n, d, d] (N/m)."""
@@ -163,7 +188,11 @@ def blocks_times(blocks: Any, u: Any, d: int) -> Any:
     return total
 
 
-def convolution(lattice: LatticeTangent, at: tuple[float, ...] = ()) -> FFTTangent:
+def convolution(
+    lattice: LatticeTangent,
+    at: tuple[float, ...] = (),
+    boxes: tuple[Box, ...] = (),
+) -> FFTTangent:
     """Make a lattice's stiffness ready for transforms.
 
     In NumPy if its arrays are NumPy's, on the host and without any compilation; in the
@@ -173,40 +202,38 @@ def convolution(lattice: LatticeTangent, at: tuple[float, ...] = ()) -> FFTTange
         lattice: the stiffness.
         at: pivots of the volume correction, from `pivots`; without any it is replaced
             by the nearest product, (v_i v_j)^-1/2, which is good for preconditioning.
+        boxes: disjoint boxes that cover the rim, from `jaxpd.operators.patches`, where
+            the first pivot is the bulk's v; without any, all terms are for all points.
     """
     family, parts = lattice.family, lattice.parts
     d, shape = lattice.d, family.shape
     xp = namespace(parts, lattice.v, lattice.c, family.cut)
-    reach, steps = family.reach, family.steps
-    lengths = tuple(
-        scipy.fft.next_fast_len(int(n + r), real=True)
-        for n, r in zip(shape, reach, strict=True)
-    )
-    both = np.concatenate([steps, -steps]) % np.asarray(lengths)
-    flat = np.ravel_multi_index(tuple(both.T), lengths)
-    table = add_at(
-        xp, (int(np.prod(lengths)), parts.shape[1]), flat, xp.concatenate([parts] * 2)
-    )
-    table = xp.moveaxis(table, 1, 0).reshape(-1, *lengths)
+    lengths = padded(tuple((0, n) for n in shape), family)
+    entries = spectrum(family, parts, lengths)
     axes = tuple(range(1, d + 1))
-    entries = xp.fft.rfftn(table, axes=axes).real  # even in the offset: real
-    slot = {ab: q for q, ab in enumerate(index_pairs(d))}
-    order = [
-        [slot[min(a, (a - s) % d), max(a, (a - s) % d)] for a in range(d)]
-        for s in range(d)
-    ]
-    symbol = entries[np.asarray(order)]
+    symbol = entries[_order(d)]
+    patches: list[Patches] = []
     left = right = None
     if lattice.v is None and lattice.c is None:
         own = xp.moveaxis(offset_sums(family, parts), -1, 0)
     else:
         left, right = _terms(lattice, at, xp)
+        some: list[Any] = []
+        if boxes and len(at) > 1:
+            first = np.arange(len(left)) % len(at) == 0
+            some = stacked(family, boxes, left[~first], right[~first])
+            left, right = left[first], right[first]
         back = tuple(slice(0, n) for n in shape)
-        own = 0.0
+        own: Any = 0.0
         for f, g in zip(left, right, strict=True):
             spread = xp.fft.rfftn(g, lengths, axes=tuple(range(d)))
             sums = xp.fft.irfftn(entries * spread[None], lengths, axes=axes)
             own = own + f[None] * sums[(slice(None), *back)]
+        for size, pairs, out, near in some:
+            table = spectrum(family, parts, size)
+            patch = Patches(table[_order(d)], out, near, pairs, size)
+            patches.append(patch)
+            own = patch.sums(table, own)
     i, j = family.cut_ends()
     lost = parts[family.cut[1]].T
     if left is not None:
@@ -217,8 +244,20 @@ def convolution(lattice: LatticeTangent, at: tuple[float, ...] = ()) -> FFTTange
     rows, cols = xp.concatenate([i, j]), xp.concatenate([j, i])
     order = xp.argsort(rows, stable=True)
     lost = xp.concatenate([lost, lost], axis=1)[:, order]
+    rows, cols = rows[order], cols[order]
     return FFTTangent(
-        lattice, symbol, left, right, own, lost, rows[order], cols[order], lengths
+        lattice, symbol, left, right, own, lost, rows, cols, lengths, tuple(patches)
+    )
+
+
+def _order(d: int) -> Any:
+    """Places [d, d] of entries (a, a - s), row s, among the upper triangle's."""
+    slot = {ab: q for q, ab in enumerate(index_pairs(d))}
+    return np.array(
+        [
+            [slot[min(a, (a - s) % d), max(a, (a - s) % d)] for a in range(d)]
+            for s in range(d)
+        ]
     )
 
 

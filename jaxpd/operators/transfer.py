@@ -83,11 +83,11 @@ def interpolation(
         torn: pairs of fine points without a live bond, sorted keys i n + j.
     """
     hats = [hat(n, at) for n, at in zip(shape, nodes, strict=True)]
-    P = sp.csr_array([[1.0]])
+    P: Sparse = sp.csr_array([[1.0]])
     for h in hats:
         P = sp.csr_array(sp.kron(P, sp.csr_array(h)))
     coarse = np.ravel_multi_index(np.meshgrid(*nodes, indexing="ij"), shape).ravel()
-    new = P.copy()
+    new: Sparse = P.copy()
     if len(torn):
         row = np.repeat(np.arange(P.shape[0]), np.diff(P.indptr))
         data = np.where(apart(torn, len(held), row, coarse[P.indices]), 0.0, P.data)
@@ -109,9 +109,7 @@ def cut_keys(family: GridFamily) -> NDArray[np.int64]:
     return np.sort(np.append(i * family.n + j, j * family.n + i))
 
 
-def apart(
-    keys: NDArray[np.int64], n: int, i: NDArray[np.integer], j: NDArray[np.integer]
-) -> NDArray[np.bool_]:
+def apart(keys: NDArray[np.int64], n: int, i: Any, j: Any) -> NDArray[np.bool_]:
     """Mask of the pairs (i, j) that are among the sorted keys i n + j."""
     if not len(keys):
         return np.zeros(np.shape(i), bool)

@@ -25,6 +25,7 @@ import jax
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from jax.core import Tracer
 from numpy.typing import NDArray
 from pyamg.aggregation import fit_candidates, standard_aggregation
 from pyamg.multilevel import MultilevelSolver
@@ -97,7 +98,7 @@ _RECENT: collections.deque[Hierarchy] = collections.deque(maxlen=4)
 def _unflatten(_: None, leaves: Any) -> Hierarchy:
     number = leaves[0]
     held = isinstance(number, np.generic | np.ndarray | jax.Array)
-    if held and not isinstance(number, jax.core.Tracer):
+    if held and not isinstance(number, Tracer):
         return _LIVE[int(number)]
     traced = object.__new__(Hierarchy)  # knows its number, and so `cycle`, alone
     traced.number = number

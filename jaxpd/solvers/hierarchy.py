@@ -25,7 +25,6 @@ from jaxpd.operators.fft import FFTTangent, convolution
 from jaxpd.operators.lattice import LatticeTangent, index_pairs
 from jaxpd.operators.stored import whole
 from jaxpd.operators.transfer import (
-    Transfer,
     axis_nodes,
     cut_keys,
     interpolation,
@@ -77,6 +76,7 @@ def build_multigrid(
         dtype: of the cycle.
     """
     family, d = lattice.family, lattice.d
+    held: Any
     fixed, shape = np.asarray(fixed), family.shape
     unit = float(np.abs(lattice.parts).sum(axis=0).max())
     lattice = LatticeTangent(
@@ -134,15 +134,14 @@ def build_multigrid(
         own = np.stack([a.diagonal() for a in matrices])
         apply = functools.partial(_times, matrices)
     return Multigrid(
-        tuple(_level(*level, d, dtype) for level in levels),
+        tuple(_level(level, d, dtype) for level in levels),
         _factors(matrices, shape, fixed, dtype),
         np.asarray(unit),
     )
 
 
-def _level(
-    fine: Any, inverse: Any, weights: Any, move: Transfer, free: Any, d: int, dtype: Any
-) -> Level:
+def _level(made: tuple[Any, ...], d: int, dtype: Any) -> Level:
+    fine, inverse, weights, move, free = made
     shape = tuple(len(hat) for hat in move.hats)
     cast = lambda x: x.astype(dtype) if x.dtype.kind == "f" else x  # noqa: E731
     return Level(

@@ -7,6 +7,8 @@ levels are made on the host by `jaxpd.solvers.hierarchy`:
                  nearest product, 2 / (v_i + v_j) ~ (v_i v_j)^-1/2
     in between   couplings with the points around
     coarsest     factors of a block-tridiagonal matrix, a few rows of points a block
+
+Arrays are NumPy's where they are made and JAX's where they are used.
 """
 
 from __future__ import annotations
@@ -38,9 +40,9 @@ class Couplings:
         margin: in front of a row.
     """
 
-    parts: jax.Array
-    hops: jax.Array
-    own: jax.Array
+    parts: Any
+    hops: Any
+    own: Any
     margin: int = field(metadata={"static": True})
 
     def apply(self, u: jax.Array) -> jax.Array:
@@ -86,11 +88,11 @@ class Level:
     """
 
     stiffness: Any
-    inverse: jax.Array
-    weights: jax.Array
-    hats: tuple[jax.Array, ...]
-    change: tuple[jax.Array, jax.Array]
-    free: jax.Array
+    inverse: Any
+    weights: Any
+    hats: tuple[Any, ...]
+    change: tuple[Any, Any]
+    free: Any
 
     def prolong(self, coarse: jax.Array) -> jax.Array:
         """Interpolate [d, *coarse] to the points of this level."""
@@ -131,8 +133,8 @@ class Tridiagonal:
         down: A_k,k-1 S_k-1^-1 [s, b, b], zero for the first.
     """
 
-    inverse: jax.Array
-    down: jax.Array
+    inverse: Any
+    down: Any
 
     def solve(self, r: jax.Array) -> jax.Array:
         """A^-1 r for the leading unknowns r [c] of the s b."""
@@ -170,7 +172,7 @@ class Multigrid:
 
     levels: tuple[Level, ...]
     coarsest: Tridiagonal
-    unit: jax.Array
+    unit: Any
 
     @property
     def sizes(self) -> list[int]:

@@ -39,8 +39,8 @@ class Spectral:
         inverse: of the symbol [d, *shape] (m/N).
     """
 
-    waves: tuple[jax.Array, ...]
-    inverse: jax.Array
+    waves: tuple[Any, ...]
+    inverse: Any
 
     def cycle(self, r: jax.Array) -> jax.Array:
         """The preconditioned residual [n, d], zero on prescribed planes."""

@@ -10,6 +10,7 @@ import jaxpd
 from jaxpd import gallery, prepare
 from jaxpd.operators import LatticeTangent, convolution, pivots
 from jaxpd.operators.fft import SEPARATION, separated
+from jaxpd.operators.patches import covering, rim, rim_boxes, share, slices
 from jaxpd.problem import Problem, first_system, host_system
 
 
@@ -74,6 +75,77 @@ def test_gather_stencil_and_fft_are_one_operator(scene, correction, uneven, rng)
         assert difference <= 1e-13 * abs(A).max()
 
 
+def slanted(correction):
+    cracks = [
+        jaxpd.segment((0.35, 0.3), (0.6, 0.5)),
+        jaxpd.segment((0.0, 0.8), (0.2, 0.8)),
+    ]
+    return jaxpd.Scene(
+        body=jaxpd.box((0.0,) * 2, (1.0, 1.25)),
+        material=jaxpd.Elastic(1.0, 1 / 3, "plane stress"),
+        supports=[jaxpd.holds(jaxpd.below(y=0.0))],
+        loads=[jaxpd.body_force(jaxpd.above(y=0.9), y=1.0)],
+        cracks=cracks,
+        resolution=jaxpd.Bonds(dx=1 / 24, m=3, correction=correction),
+        kinematics="small",
+    )
+
+
+@pytest.mark.parametrize("scene", [slanted, block, bar])
+@pytest.mark.parametrize("uneven", [False, True], ids=["even", "uneven"])
+def test_patches_do_what_whole_lattices_do(scene, uneven, rng):
+    problem = prepare(scene("lattice"), solver="pcg")
+    rest = problem.rest()
+    boxes = covering(rest.family)
+    count = np.zeros(rest.family.shape, int)
+    for box in boxes:
+        count[slices(box)] += 1
+    assert count.max() == 1
+    assert (count == 1)[rim(rest.family)].all()
+    c = rng.uniform(1.0, 5.0, len(problem.X)) if uneven else None
+    rest = dataclasses.replace(rest, c=c)
+    u, v = rng.normal(size=(2, *problem.X.shape))
+    want = np.asarray(jax.jit(lambda K, u: K.mv(u))(rest, u))
+    host = convolution(rest, problem.spec.pivots, boxes)
+    assert host.patches
+    assert len(host.left) == 1 + uneven
+    made = jax.jit(convolution, static_argnums=(1, 2))
+    trace = made(jax.device_put(rest), problem.spec.pivots, boxes)
+    product = jax.jit(lambda K, u: K.mv(u))
+    for K, mv in ((host, lambda K, u: K.mv(u)), (trace, product)):
+        got, other = np.asarray(mv(K, u)), np.asarray(mv(K, v))
+        np.testing.assert_allclose(got, want, rtol=0, atol=SEPARATION * abs(want).max())
+        assert abs(np.vdot(v, got) - np.vdot(u, other)) <= 1e-12 * np.vdot(u, got)
+        still = np.asarray(mv(K, np.ones_like(u)))
+        assert abs(still).max() <= 1e-12 * abs(K.own).max()
+
+
+def test_patches_are_used_where_they_pay():
+    large = prepare(gallery.cracked_plate(200, 4, kinematics="small"), solver="pcg")
+    small = prepare(gallery.cracked_plate(50, 4, kinematics="small"), solver="pcg")
+    assert small.spec.patches == rim_boxes(small.rest().family) == ()
+    assert len(large.spec.patches) == 5
+    assert share(large.rest().family, large.spec.patches) < 0.5
+    K, _, b = host_system(large)
+    u = np.random.default_rng(0).normal(size=b.shape)
+    whole = convolution(large.rest(), large.spec.pivots).mv(u)
+    gap = abs(K.mv(u) - whole).max()
+    assert gap <= 1e-12 * abs(whole).max()
+
+
+def test_the_analytic_volume_is_what_index_lists_make_of_it(rng):
+    fft, gather = (
+        prepare(SCENES["plate"]("analytic"), operator=name, solver="pcg")
+        for name in ("fft", "gather")
+    )
+    u = rng.normal(size=fft.X.shape)
+    want = np.asarray(gather.stiffness().mv(u))
+    got = host_system(fft)[0].mv(u)
+    np.testing.assert_allclose(got, want, rtol=0, atol=SEPARATION * abs(want).max())
+    v = np.asarray(fft.rest().v)
+    assert v.max() == pytest.approx(1.0, abs=1e-14)
+
+
 def test_the_host_makes_what_the_trace_makes():
     problem = prepare(SCENES["plate"]("lattice"), solver="pcg")
     host, trace = host_system(problem), first_system(problem)
@@ -90,7 +162,8 @@ def test_volume_correction_is_separated_to_what_was_asked(rng):
         f = separated(v, at)
         assert len(at) <= most
         assert abs((f.T @ f) / exact - 1.0).max() <= bound
-    assert len(pivots(np.ones(5))) == 1
+    assert pivots(np.ones(5)) == (1.0,)
+    assert pivots(v)[0] == 1.0  # the bulk's
 
 
 def test_gradients_of_a_product_reach_the_parameters():

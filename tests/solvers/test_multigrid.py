@@ -121,9 +121,7 @@ def test_the_choice_goes_from_little_compilation_to_few_iterations():
     assert cost["d-pcg"][1] > cost["spectral"][1] > cost["multigrid"][1]
     cloud = jaxpd.from_points(np.asarray(small.X), np.full(len(small.X), 1 / 256))
     scene = gallery.cracked_plate(16, 4, kinematics="small")
-    points = dataclasses.replace(
-        scene, body=cloud, resolution=jaxpd.Bonds(delta=0.25)
-    )
+    points = dataclasses.replace(scene, body=cloud, resolution=jaxpd.Bonds(delta=0.25))
     assert prepare(points).spec.operator == "gather"
 
 
