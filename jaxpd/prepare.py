@@ -164,11 +164,14 @@ def _operator(asked: str, scene: Scene, cloud: Cloud, law: Any, symmetric: bool)
     """The operator asked for, or the fastest that will do."""
     shared = all(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(law)) and symmetric
     if asked == "auto":
-        if cloud.lattice is None or not shared:
+        if not (shared and cloud.regular):
             return "gather"
         return "fft" if scene.kinematics == "small" else "stencil"
-    if asked != "gather" and cloud.lattice is None:
-        raise ValueError(f"operator: {asked!r} needs a lattice; use 'gather'")
+    if asked != "gather" and not cloud.regular:
+        raise ValueError(
+            f"operator: {asked!r} needs a lattice of even spacing and volumes; use "
+            "'gather'"
+        )
     if asked != "gather" and not shared:
         raise ValueError(
             f"operator: {asked!r} is for laws with shared numbers and an energy; use "

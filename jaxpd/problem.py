@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointVector
+from jaxpd.body import check_held
 from jaxpd.discretize.surface import over_bulk, relative_volumes
 from jaxpd.geometry import Family
 from jaxpd.geometry.grid_family import GridFamily, offset_shares, without
@@ -60,6 +61,7 @@ class Spec:
     symmetric: bool
     newton: Newton
     operator: str
+    cuts: int = 0
     pivots: tuple[float, ...] = ()
     patches: tuple[Box, ...] = ()
 
@@ -106,6 +108,13 @@ class Problem:
         self, params: Params
     ) -> tuple[BondForce | StencilForce, Constraints, PointVector]:
         """Operator, constraints and external load (N) of the given parameters."""
+        if set(params) != set(self.params):
+            other = sorted(set(params) ^ set(self.params))
+            raise ValueError(
+                f"params: {other} must be absent or given as in problem.params, which "
+                f"are {sorted(self.params)} with the operator {self.spec.operator!r}; "
+                "positions X and volumes vol are parameters with operator='gather'"
+            )
         spec, delta = self.spec, params["delta"]
         constraints, load = (
             Constraints(self.fixed, params["prescribed"]),
@@ -135,6 +144,7 @@ class Problem:
         if isinstance(operator, BondForce):
             return operator.tangent(jnp.zeros_like(load))
         rest = operator.rest()
+        self._check_separation()
         if self.spec.operator == "stencil" and self.spec.kinematics == "small":
             return rest
         return convolution(rest, self.spec.pivots, self.spec.patches)
@@ -168,17 +178,26 @@ class Problem:
             hierarchy = build_hierarchy(K, np.asarray(self.X), np.asarray(self.fixed))
         return linear_solver(method, rtol, maxiter, hierarchy)
 
+    def _check_separation(self) -> None:
+        assert isinstance(self.family, GridFamily)
+        if self.family.cut.shape[1] != self.spec.cuts:
+            raise ValueError(
+                f"family: it misses {self.family.cut.shape[1]} bonds and the problem "
+                f"was made for {self.spec.cuts}; use problem.without(bonds)"
+            )
+
     def without(self, bonds: Any) -> Problem:
         """This problem less some bonds, (point, slot) [2, b] of its family. Host only.
 
         The linear solver is kept; `solver` makes one that knows of the loss.
 
         Raises:
-            ValueError: if the bonds are index lists.
+            ValueError: if the bonds are index lists, or a piece comes loose.
         """
         if not isinstance(self.family, GridFamily):
             raise ValueError("bonds: only families of a lattice lose bonds by slot yet")
         family = without(self.family, np.asarray(bonds))
+        check_held(np.asarray(self.X), family, np.asarray(self.fixed))
         separation = separate(family, self.params, self.spec.correction)
         spec = dataclasses.replace(self.spec, **separation)
         return dataclasses.replace(self, family=family, spec=spec)
@@ -201,10 +220,12 @@ class Problem:
 
 def separate(family: GridFamily, params: Params, correction: str) -> dict[str, Any]:
     """How the volume correction of a lattice is separated: fields of a `Spec`."""
+    cuts = {"cuts": int(family.cut.shape[1])}
     if correction == "none":
-        return {}
+        return cuts
     v = relative_volumes(family, params["delta"], params["dx"], "lattice")
-    return {"pivots": pivots(np.asarray(v)), "patches": rim_boxes(family)}
+    boxes = rim_boxes(family)
+    return cuts | {"pivots": pivots(np.asarray(v)), "patches": boxes}
 
 
 @jax.jit
@@ -227,6 +248,7 @@ def host_system(problem: Problem) -> tuple[FFTTangent, Constraints, Any]:
     fixed: Any = np.asarray(problem.fixed)
     constraints = Constraints(fixed, params["prescribed"])
     spec = problem.spec
+    problem._check_separation()
     K = convolution(problem.rest(), spec.pivots, spec.patches)
     lift = np.where(constraints.fixed, constraints.values, 0.0)
     b = np.where(constraints.fixed, 0.0, params["load"] - K.mv(lift))

@@ -52,6 +52,18 @@ class Cloud:
     lattice: Lattice | None = field(metadata={"static": True}, default=None)
 
     @property
+    def regular(self) -> bool:
+        """Whether points and volumes are still those of the lattice. Host only."""
+        if self.lattice is None:
+            return False
+        grid, X, vol = self.lattice, np.asarray(self.X), np.asarray(self.vol)
+        place = np.indices(grid.shape).reshape(len(grid.shape), -1).T
+        slack = max(1e-9 * grid.dx, 8 * float(np.finfo(X.dtype).eps * np.abs(X).max()))
+        near = np.abs(X - (np.asarray(grid.origin) + grid.dx * place)).max() <= slack
+        even = np.abs(vol / grid.dx ** len(grid.shape) - 1.0).max() <= 1e-5
+        return bool(near and even)
+
+    @property
     def n(self) -> int:
         """Number of points."""
         return self.X.shape[0]

@@ -127,5 +127,7 @@ def grid_loose_points(
         np.meshgrid(*[(0, n - 1) for n in family.shape], indexing="ij"), family.shape
     )
     some = np.unique(np.concatenate([corners.ravel(), *family.cut_ends()]))
+    if min(family.shape) == 1:  # a row or a sheet: nothing holds it across
+        some = np.arange(family.n)
     weak = _unheld(total.reshape(family.n, *total.shape[-2:])[some], fixed[some])
     return some[weak]

@@ -159,6 +159,10 @@ def find_on_grid(
 def without(family: GridFamily, bonds: NDArray[np.integer]) -> GridFamily:
     """The family less more bonds, (point, slot) [2, b]. Host."""
     k = len(family.offsets)
+    point, slot = np.asarray(bonds)
+    to = np.stack(np.unravel_index(point, family.shape), axis=1) + family.steps[slot]
+    if not ((to >= 0) & (to < family.shape)).all():
+        raise ValueError("bonds: some lead off the lattice; take them from ends()")
     every = np.concatenate([np.asarray(family.cut), bonds], axis=1).astype(np.int64)
     key = np.unique(every[0] * k + every[1])
     cut = np.stack([key // k, key % k]).astype(np.int32)

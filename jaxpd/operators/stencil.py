@@ -236,18 +236,19 @@ class StencilForce:
         if any(jnp.ndim(leaf) for leaf in jax.tree.leaves(law)):
             raise ValueError(
                 f"law: bonds of an offset differ by leaves of {type(law).__name__}; "
-                "only a nodal c of Microelastic may vary; use tangent(u)"
+                "only a nodal c [n] of Microelastic may vary; use operator='gather'"
             )
         arrays = (law, self.dx, self.weight)
         host = not any(isinstance(x, jax.Array) for x in jax.tree.leaves(arrays))
-        of = _rest_parts if host and hasattr(law, "rest") else _compiled_rest_parts
+        quick = host and callable(getattr(law, "rest", None))
+        of = _rest_parts if quick else _compiled_rest_parts
         parts = of(law, self.family.steps * self.dx, self.weight, self.blocks)
         return LatticeTangent(parts, self.v, c, self.family)
 
 
 def _rest_parts(law: Any, xi: Any, weight: Any, how: str) -> Any:
     """Upper triangles [k, q] of the weighted blocks at rest of bonds xi [k, d]."""
-    if hasattr(law, "rest"):
+    if callable(getattr(law, "rest", None)):
         blocks = law.rest(xi)
     else:
         blocks = jax.vmap(lambda x: bond_block(law, x, jnp.zeros_like(x), how))(xi)

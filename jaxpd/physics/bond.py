@@ -13,9 +13,11 @@ sums. Nothing here knows about neighbours, volumes or solvers, and nothing is de
 
 A law is a frozen pytree with one method, `energy(xi, eta)` (micropotential w, J/m^6 in
 3-D) or `force(xi, eta)` (pair force density f, N/m^6 in 3-D), f = dw/deta: the pull on
-the point at the tail of the bond. Two more methods are optional: `tangent(xi, eta)`,
-the hand-derived block df/deta, and `axial(xi, eta)`, its positive part. Leaves of a law
-are shared [], nodal [n] (a bond takes the mean of its ends) or per bond [k, n].
+the point at the tail of the bond. Three more methods are optional: `tangent(xi, eta)`,
+the hand-derived block df/deta; `axial(xi, eta)`, its positive part; and `rest(xi)`, the
+blocks at eta = 0 of many bonds at once, [.., d] to [.., d, d], in NumPy or JAX. Leaves
+of a law are shared [], nodal [n] (a bond takes the mean of its ends) or per bond
+[k, n].
 
 Domain: |xi| > 0 and |y| > 0; a bond squeezed to nothing has no direction.
 Sources: paper 000, eqs. 7-20; S. A. Silling, E. Askari, Comput. Struct. 83 (2005).

@@ -52,7 +52,7 @@ class Hierarchy:
     """A multigrid hierarchy behind one symmetric W-cycle.
 
     A pytree whose one leaf is a number that the host knows it by: a new hierarchy is
-    not compiled anew, and one that nobody holds is not kept.
+    not compiled anew. The last two are kept; older ones as long as somebody holds them.
 
     Attributes:
         levels: number of levels.
@@ -92,7 +92,7 @@ class Hierarchy:
 _LIVE: weakref.WeakValueDictionary[int, Hierarchy] = weakref.WeakValueDictionary()
 _NUMBERS = itertools.count()
 #: A solve may still be running when its caller has let go of the solver.
-_RECENT: collections.deque[Hierarchy] = collections.deque(maxlen=4)
+_RECENT: collections.deque[Hierarchy] = collections.deque(maxlen=2)
 
 
 def _unflatten(_: None, leaves: Any) -> Hierarchy:

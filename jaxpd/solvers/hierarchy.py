@@ -39,6 +39,8 @@ DEGREE = 3
 #: The smoother damps the spectrum from its upper end down to a share of it: that of the
 #: waves that the coarse level cannot carry, within these limits.
 SPANS = (4.0, 12.0)
+#: A point that has lost more than this share of its stiffness is smoothed with care.
+LOOSE = 0.6
 #: A longer span than this asks for a smaller ratio of the spacings.
 WIDEST = 16.0
 
@@ -111,6 +113,10 @@ def build_multigrid(
         inverse = np.where(fixed, 0.0, 1.0 / np.where(fixed, 1.0, diagonal))
         if levels or torn_apart:
             top = _top(apply, inverse.T.reshape(d, *shape))
+        elif len(family.cut[0]):
+            # a point on few long bonds exceeds the symbol, by 2 d at most
+            loose = _lost_share(lattice, own) > LOOSE
+            inverse = np.where(loose[:, None], 0.5 * top / d * inverse, inverse)
         span = float(np.clip(1.5 * span, *SPANS)) if not levels else SPANS[0]
         # coarse levels are cheap, and what they leave is felt on all finer ones
         weights = _chebyshev(degree + (2 if levels else 0), 1.1 * top, span)
@@ -130,7 +136,7 @@ def build_multigrid(
         shape, fixed, ratio, reach = move.shape, fixed[coarse], 2, 1
         if (~fixed).sum() <= MAX_COARSE or len(fixed) >= 0.8 * len(held):
             break
-        fine = _couplings(matrices, shape)
+        fine = _couplings(matrices, shape, dtype)
         own = np.stack([a.diagonal() for a in matrices])
         apply = functools.partial(_times, matrices)
     return Multigrid(
@@ -154,7 +160,7 @@ def _level(made: tuple[Any, ...], d: int, dtype: Any) -> Level:
     )
 
 
-def _couplings(matrices: list[Any], shape: tuple[int, ...]) -> Couplings:
+def _couplings(matrices: list[Any], shape: tuple[int, ...], dtype: Any) -> Couplings:
     """CSR matrices by components as couplings of every point."""
     n, found = matrices[0].shape[0], []
     place = np.stack(np.unravel_index(np.arange(n), shape))
@@ -172,7 +178,7 @@ def _couplings(matrices: list[Any], shape: tuple[int, ...]) -> Couplings:
     stride = np.cumprod((1, *shape[:0:-1]))[::-1]
     hops = (np.stack(np.unravel_index(kinds, size), axis=1) - width.T) @ stride
     margin, length = whole(int(hops.max())), whole(n)
-    parts = np.zeros((len(kinds), len(matrices), margin + length), np.float32)
+    parts = np.zeros((len(kinds), len(matrices), margin + length), dtype)
     parts[slot, q, margin + i] = value
     own = np.zeros((len(matrices), length))
     own[:, :n] = [a.diagonal() for a in matrices]
@@ -214,6 +220,18 @@ def _factors(
             S = S - down[k] @ blocks[k, 0].T
         inverse[k] = la.inv(S)
     return Tridiagonal(inverse.astype(dtype), down.astype(dtype))
+
+
+def _lost_share(
+    lattice: LatticeTangent, own: NDArray[np.floating]
+) -> NDArray[np.floating]:
+    """Share [n] of every point's stiffness that went with its missing bonds."""
+    kept = _diagonal(lattice.d)
+    i, j = lattice.family.cut_ends()
+    size = np.asarray(lattice.parts)[:, kept].sum(axis=1)[lattice.family.cut[1]]
+    n = lattice.family.n
+    lost = np.bincount(i, size, n) + np.bincount(j, size, n)
+    return lost / (lost + own[kept].sum(axis=0))
 
 
 def _times(matrices: list[Any], u: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -73,8 +73,16 @@ class LinearSolver:
         if self.method == "pcg":
             return pcg(mv, b, **limits)
         if self.method in PREPARED:
-            return pcg(mv, b, precondition=self.hierarchy.cycle, **limits)
-        make = point_jacobi if self.method == "d-pcg" else block_jacobi
+            if self.hierarchy is None:
+                raise ValueError(f"hierarchy: method {self.method!r} needs one")
+
+            def cycle(r):  # a cycle may not know of every prescribed entry
+                return constraints.project(self.hierarchy.cycle(r))
+
+            return pcg(mv, b, precondition=cycle, **limits)
+        make = {"d-pcg": point_jacobi, "block-pcg": block_jacobi}.get(self.method)
+        if make is None:
+            raise ValueError(f"method: {self.method!r} must be one of {METHODS}")
         blocks = constraints.diagonal(tangent.diagonal())
         return pcg(mv, b, precondition=make(blocks), **limits)
 

@@ -98,7 +98,7 @@ class Level:
         """Interpolate [d, *coarse] to the points of this level."""
         fine = coarse
         for hat in self.hats:  # the front axis of points goes behind the others
-            fine = jnp.moveaxis(jnp.tensordot(fine, hat, axes=(1, 1)), -1, -1)
+            fine = jnp.tensordot(fine, hat, axes=(1, 1))
         weight, (i, j) = self.change
         if weight.shape[0] == 0:
             return fine

@@ -67,51 +67,73 @@ def build_spectral(
         fixed: mask of prescribed entries [n, d].
         dtype: of the preconditioner.
     """
-    family, d = lattice.family, lattice.d
-    shape, steps = family.shape, family.steps
-    held = np.asarray(fixed).T.reshape(d, *shape)
-    parts = np.asarray(lattice.parts)
-    own = [q for q, (a, b) in enumerate(index_pairs(d)) if a == b]
+    d, shape = lattice.d, lattice.family.shape
     waves = [np.zeros((d, n, n)) for n in shape]
     inverse = np.zeros((d, *shape))
-    for a in range(d):
-        number = []
-        for axis in range(d):
-            others = tuple(b for b in range(d) if b != axis)
-            Q, k, span = _waves(held[a].all(axis=others))
+    for a, (symbol, numbers) in enumerate(symbols(lattice, fixed)):
+        if not symbol.size:
+            continue  # this component is prescribed everywhere
+        for axis, (held, k) in enumerate(numbers):
+            Q, span = _waves(held, k)
             waves[axis][a][span, : len(k)] = Q
-            number.append(k)
-        symbol = np.full([len(k) for k in number], 2.0 * parts[:, own[a]].sum())
-        reach = family.reach
-        table = np.zeros(tuple(2 * reach + 1))
-        for sign in (1, -1):
-            np.add.at(table, tuple((sign * steps + reach).T), parts[:, own[a]])
-        for k, r in zip(number, reach, strict=True):
-            cosine = np.cos(np.outer(np.arange(-r, r + 1), k))
-            table = np.tensordot(table, cosine, axes=(0, 0))
-        symbol = symbol - table
         floor = symbol[symbol > 1e-9 * symbol.max()].min()
         symbol = np.maximum(symbol, 0.25 * floor)  # a translation has none
-        inverse[a][tuple(slice(0, len(k)) for k in number)] = 1.0 / symbol
+        inverse[a][tuple(slice(0, n) for n in symbol.shape)] = 1.0 / symbol
     return Spectral(tuple(w.astype(dtype) for w in waves), inverse.astype(dtype))
 
 
-def _waves(held: NDArray[np.bool_]) -> tuple[NDArray, NDArray, slice]:
-    """Orthonormal waves [N, N] of the free planes, their wave numbers, and which."""
+def symbols(lattice: LatticeTangent, fixed: NDArray[np.bool_]) -> list[Any]:
+    """Symbol of each component (N/m); held planes and wave numbers of each axis."""
+    family, d = lattice.family, lattice.d
+    shape, steps, reach = family.shape, family.steps, family.reach
+    every = np.asarray(fixed).T.reshape(d, *shape)
+    parts, found = np.asarray(lattice.parts), []
+    own = [q for q, (a, b) in enumerate(index_pairs(d)) if a == b]
+    for a in range(d):
+        numbers = []
+        for axis in range(d):
+            held = every[a].all(axis=tuple(b for b in range(d) if b != axis))
+            numbers.append((held, _numbers(held)))
+        table = np.zeros(tuple(2 * reach + 1))
+        for sign in (1, -1):
+            np.add.at(table, tuple((sign * steps + reach).T), parts[:, own[a]])
+        for (_, k), r in zip(numbers, reach, strict=True):
+            cosine = np.cos(np.outer(np.arange(-r, r + 1), k))
+            table = np.tensordot(table, cosine, axes=(0, 0))
+        found.append((2.0 * parts[:, own[a]].sum() - table, numbers))
+    return found
+
+
+def _ends(held: NDArray[np.bool_]) -> tuple[int, int, bool, bool]:
+    """First and last free plane, and whether one is held before and behind them."""
     free = np.flatnonzero(~held)
-    if not len(free):
-        return np.zeros((0, 0)), np.zeros(0), slice(0, 0)
     first, last = int(free[0]), int(free[-1])
-    N, i = last - first + 1, np.arange(last - first + 1)
-    low, high = first > 0, last < len(held) - 1
+    return first, last, first > 0, last < len(held) - 1
+
+
+def _numbers(held: NDArray[np.bool_]) -> NDArray[np.floating]:
+    """Wave numbers [N] (radians a spacing)."""
+    if held.all():
+        return np.zeros(0)
+    first, last, low, high = _ends(held)
+    N = last - first + 1
+    i = np.arange(N)
     if low and high:
-        k = np.pi * (i + 1) / (N + 1)
-        Q = np.sin(np.outer(i + 1, k))
-    elif not low and not high:
-        k = np.pi * i / N
-        Q = np.cos(np.outer(i + 0.5, k))
-    else:
-        k = np.pi * (2 * i + 1) / (2 * N + 1)
+        return np.pi * (i + 1) / (N + 1)
+    if low or high:
+        return np.pi * (2 * i + 1) / (2 * N + 1)
+    return np.pi * i / N
+
+
+def _waves(
+    held: NDArray[np.bool_], k: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], slice]:
+    """Orthonormal waves [N, N] of the planes between held ones, and which these are."""
+    first, last, low, high = _ends(held)
+    i = np.arange(last - first + 1)
+    if low or high:
         Q = np.sin(np.outer(i + 1, k))
         Q = Q if low else Q[::-1]
-    return Q / np.linalg.norm(Q, axis=0), k, slice(first, last + 1)
+    else:
+        Q = np.cos(np.outer(i + 0.5, k))
+    return Q / np.linalg.norm(Q, axis=0), slice(first, last + 1)
