@@ -34,8 +34,8 @@ __all__ = [
     "solve_static",
 ]
 
-#: Points up to which compiling takes longer than solving.
-QUICK_POINTS = 50_000
+#: Points up to which compiling takes longer than solving: Newton's method, one solve.
+QUICK_POINTS = {"finite": 50_000, "small": 200_000}
 _solve = jax.jit(Problem.solve)
 
 
@@ -214,11 +214,11 @@ def equilibrium(problem: Problem) -> tuple[PointVector, NewtonInfo]:
 
     On a lattice with small displacements everything but the iteration is done in NumPy.
     """
-    small = len(problem.X) <= QUICK_POINTS
+    few = len(problem.X) <= QUICK_POINTS[problem.spec.kinematics]
     if problem.spec.operator != "fft":
-        return (quickly(Problem.solve) if small else _solve)(problem)
+        return (quickly(Problem.solve) if few else _solve)(problem)
     K, constraints, b = host_system(problem)
-    solve = quickly(LinearSolver.__call__) if small else solve_system
+    solve = quickly(LinearSolver.__call__) if few else solve_system
     x, krylov = solve(problem.linear, K, constraints, b)
     u = np.where(constraints.fixed, constraints.values, np.asarray(x))
     record = jax.tree.map(np.asarray, krylov)
