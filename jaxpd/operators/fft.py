@@ -11,7 +11,7 @@ The volume correction 2 / (v_i + v_j) is a Cauchy kernel: elimination at a few p
     2 / (v + w) = sum_k f_k(v) f_k(w) + remainder,
     remainder   = 2 / (v + w) prod_t (t - v)(t - w) / ((t + v)(t + w)),
 
-leaves less than `SEPARATION` of it after five or six pivots. The first is the bulk's v:
+leaves less than `SEPARATION` of it after a few pivots. The first is the bulk's v:
 its term is exact for all bonds with an end in the bulk, and the others vanish there, so
 that patches along the rim are enough for them (`jaxpd.operators.patches`). Zero padding
 by the reach of the offsets makes free surfaces exact. Missing bonds are a list, sorted

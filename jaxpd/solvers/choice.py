@@ -1,10 +1,10 @@
 """Which linear solver is ready first: compilation, set-up and iterations added up.
 
-A rough model, good to a factor of two, which is enough: where two solvers are close it
-does not matter which one is taken. Plain diagonally preconditioned CG on a fast product
+A rough model, which is enough: where two solvers are close it does not matter which one
+is taken. Plain diagonally preconditioned CG on a fast product
 is ready first for small, well-conditioned systems; a preconditioner that compiles in
-little time for one larger solve; multigrid for large or many ones. The constants were
-measured by `benchmarks/solvers.py` on two cores; a faster machine scales all of them.
+little time for one larger solve; multigrid for large or many ones. The constants are
+fits to single runs on two busy cores, for ranking and not for prediction.
 """
 
 from __future__ import annotations

@@ -108,8 +108,7 @@ def linear_solver(
 #: A linear solve under `jit`; a new hierarchy of the same sizes is not compiled anew.
 solve_system = jax.jit(LinearSolver.__call__)
 
-#: Options of XLA's CPU compiler for what runs once: they take some half of the time to
-#: compile and up to a fifth more to run.
+#: Options of XLA's CPU compiler for what runs once: less time to compile, more to run.
 QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 
 
