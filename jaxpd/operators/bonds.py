@@ -27,6 +27,7 @@ from jaxpd._types import (
 )
 from jaxpd.discretize.surface import volume_correction
 from jaxpd.geometry.family import Family, bond_vectors, gather, partial_volumes
+from jaxpd.operators.lattice import index_pairs
 from jaxpd.physics.bond import bond_block, bond_energy, bond_force
 
 
@@ -50,10 +51,6 @@ def bond_weights(
     return weight
 
 
-def _index_pairs(d: int, symmetric: bool) -> list[tuple[int, int]]:
-    return [(a, b) for a in range(d) for b in range(a if symmetric else 0, d)]
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class BondTangent:
@@ -74,7 +71,7 @@ class BondTangent:
 
     def mv(self, du: PointVector) -> PointVector:
         """K du [n, d] (N) by gathering over the families."""
-        pairs = _index_pairs(self.d, self.symmetric)
+        pairs = index_pairs(self.d, self.symmetric)
 
         # columns apart, made once: gathers then read memory in order
         columns = jax.lax.optimization_barrier(tuple(du[:, a] for a in range(self.d)))
@@ -97,7 +94,7 @@ class BondTangent:
     def blocks(self) -> BondTensor:
         """The weighted blocks in full [k, n, d, d] (N/m)."""
         columns: dict[tuple[int, int], jax.Array] = {}
-        for q, (a, b) in enumerate(_index_pairs(self.d, self.symmetric)):
+        for q, (a, b) in enumerate(index_pairs(self.d, self.symmetric)):
             columns[a, b] = self.parts[:, q]
             if self.symmetric:
                 columns[b, a] = self.parts[:, q]
@@ -154,7 +151,7 @@ def assemble(nbr: np.ndarray, parts: np.ndarray, d: int) -> sp.bsr_matrix:
     indices = np.empty(indptr[-1], np.int32)
     data = np.zeros((int(indptr[-1]), d, d))
     indices[at], indices[indptr[:-1]] = col, here
-    pairs = _index_pairs(d, parts.shape[1] != d * d)
+    pairs = index_pairs(d, parts.shape[1] != d * d)
     for q, (a, b) in enumerate(pairs):
         total = parts[:, q].sum(axis=0)
         for r, c in {(a, b)} | ({(b, a)} if len(pairs) < d * d else set()):
@@ -258,7 +255,7 @@ class BondForce:
     def tangent(self, u: PointVector, history: None = None) -> BondTangent:
         """Stiffness at u from blocks by `jax.jacfwd`, by hand, or the axial part."""
         per_bond, axes, of_slot = self._laws()
-        pairs = _index_pairs(u.shape[1], self.symmetric)
+        pairs = index_pairs(u.shape[1], self.symmetric)
 
         def entries(law, xi, eta):
             block = bond_block(law, xi, eta, self.blocks)

@@ -31,7 +31,7 @@ from scipy.special import ellipj, ellipk
 
 from jaxpd._types import PointTensor, PointVector, namespace
 from jaxpd.geometry.grid_family import add_at, offset_sums
-from jaxpd.operators.lattice import LatticeTangent, index_pairs
+from jaxpd.operators.lattice import LatticeTangent, full_blocks, index_pairs
 from jaxpd.operators.patches import Box, Patches, convolve, padded, spectrum, stacked
 
 #: Largest relative error of the factor of a bond through the separated correction.
@@ -162,11 +162,8 @@ class FFTTangent:
 
     def diagonal(self) -> PointTensor:
         """Block diagonal of K [n, d, d] (N/m)."""
-        d = self.lattice.d
-        blocks = self.own.reshape(len(self.own), -1)
-        at = {ab: q for q, ab in enumerate(index_pairs(d))}
-        rows = [[blocks[at[min(a, b), max(a, b)]] for b in range(d)] for a in range(d)]
-        return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+        own = jnp.asarray(self.own).reshape(len(self.own), -1)
+        return full_blocks(own.T, self.lattice.d)
 
     def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Rows, columns and blocks of K."""

@@ -26,12 +26,12 @@ from jax.lax import dynamic_slice_in_dim
 from numpy.typing import NDArray
 
 from jaxpd._types import PointScalar, PointTensor, PointVector
-from jaxpd.geometry.grid_family import GridFamily
+from jaxpd.geometry.grid_family import GridFamily, offset_sums
 
 
-def index_pairs(d: int) -> list[tuple[int, int]]:
-    """Entries of a symmetric block that are kept: the upper triangle, row by row."""
-    return [(a, b) for a in range(d) for b in range(a, d)]
+def index_pairs(d: int, symmetric: bool = True) -> list[tuple[int, int]]:
+    """Entries of a block that are kept: all, or the upper triangle, row by row."""
+    return [(a, b) for a in range(d) for b in range(a if symmetric else 0, d)]
 
 
 def full_blocks(parts: Any, d: int) -> Any:
@@ -59,7 +59,7 @@ def assemble_pairs(
     return sp.bsr_matrix((data, order.indices, order.indptr), shape=(n * d, n * d))
 
 
-def _whole(length: int) -> int:
+def whole(length: int) -> int:
     """Whole vectors: loops of other lengths may take several times as long on a CPU."""
     return -(-length // 64) * 64
 
@@ -74,7 +74,7 @@ class _Row:
         self.lines = (self.shape[0], *pitch)
         self.strides = np.cumprod((1, *pitch[::-1]))[::-1].astype(int)
         self.used = self.shape[0] * int(self.strides[0])
-        self.length = _whole(self.used)
+        self.length = whole(self.used)
         self.hops = (family.steps @ self.strides).astype(np.int32)
         self.margin = int(self.hops.max())
 
@@ -207,17 +207,9 @@ class LatticeTangent:
 
     def _boxed_sums(self) -> jax.Array:
         """Sums [d, d, n] of the blocks of all steps that stay on the lattice."""
-        family, d = self.family, self.d
-        steps = family.steps
-        blocks = full_blocks(self.parts, d)
-        cube = jnp.zeros((*(2 * family.reach + 1), d, d), blocks.dtype)
-        for sign in (1, -1):
-            cube = cube.at[tuple((family.reach + sign * steps).T)].set(blocks)
-        for n, r in zip(family.shape, family.reach, strict=True):
-            to = jnp.arange(n)[:, None] + jnp.arange(-r, r + 1)[None]
-            stays = ((to >= 0) & (to < n)).astype(cube.dtype)
-            cube = jnp.tensordot(cube, stays, axes=((0,), (1,)), precision="highest")
-        return cube.reshape(d, d, family.n)
+        family = dataclasses.replace(self.family, cut=np.zeros((2, 0), np.int32))
+        sums = offset_sums(family, full_blocks(self.parts, self.d))
+        return jnp.moveaxis(sums.reshape(family.n, self.d, self.d), 0, -1)
 
     def diagonal(self) -> PointTensor:
         """Block diagonal of K [n, d, d] (N/m), exact."""

@@ -27,14 +27,12 @@ from jax.lax import dynamic_slice_in_dim, dynamic_update_slice_in_dim
 
 from jaxpd._types import BondScalar, PointScalar, PointTensor, PointVector, Scalar
 from jaxpd.geometry.grid_family import GridFamily
-from jaxpd.operators.lattice import LatticeTangent
+from jaxpd.operators.lattice import LatticeTangent, index_pairs, whole
 from jaxpd.operators.stored import (
     StencilBlocks,
-    entries_kept,
     hops,
     missing_bits,
     row_of,
-    whole,
 )
 from jaxpd.physics.bond import Microelastic, bond_block, bond_energy, bond_force
 
@@ -205,7 +203,7 @@ class StencilForce:
 
     def stored_tangent(self, u: PointVector) -> StencilBlocks:
         """Stiffness at u with its blocks: [k, q, n] numbers, for many products."""
-        front, kept = row_of(self.family)[0], entries_kept(u.shape[1], self.symmetric)
+        front, kept = row_of(self.family)[0], index_pairs(u.shape[1], self.symmetric)
 
         def entries(law, xi, eta):
             block = bond_block(law, xi, eta, self.blocks)

@@ -28,17 +28,7 @@ from jax.lax import dynamic_slice, dynamic_slice_in_dim
 
 from jaxpd._types import PointTensor, PointVector
 from jaxpd.geometry.grid_family import GridFamily
-from jaxpd.operators.lattice import assemble_pairs
-
-
-def entries_kept(d: int, symmetric: bool) -> list[tuple[int, int]]:
-    """Entries of a block that are kept: all, or the upper triangle, row by row."""
-    return [(a, b) for a in range(d) for b in range(a if symmetric else 0, d)]
-
-
-def whole(length: int) -> int:
-    """Whole vectors: loops of other lengths take four times as long on a CPU."""
-    return -(-length // 64) * 64
+from jaxpd.operators.lattice import assemble_pairs, index_pairs, whole
 
 
 def hops(family: GridFamily) -> np.ndarray:
@@ -97,7 +87,7 @@ class StencilBlocks:
     def _full(self, entries: Any) -> Any:
         """Blocks [..., d, d] from the entries that are kept [..., q]."""
         at = np.zeros((self.d, self.d), int)
-        for q, (a, b) in enumerate(entries_kept(self.d, self.symmetric)):
+        for q, (a, b) in enumerate(index_pairs(self.d, self.symmetric)):
             at[a, b] = q
             if self.symmetric:
                 at[b, a] = q
@@ -111,7 +101,7 @@ class StencilBlocks:
     def mv(self, du: PointVector) -> PointVector:
         """K du [n, d] (N), in the precision of du."""
         (front, size), n = row_of(self.family), self.family.n
-        kept = entries_kept(self.d, self.symmetric)
+        kept = index_pairs(self.d, self.symmetric)
         parts, hop = jnp.asarray(self.parts), hops(self.family)
         U = [jnp.pad(du[:, a], (front, front + size - n)) for a in range(self.d)]
         here = [x[front : front + size] for x in U]

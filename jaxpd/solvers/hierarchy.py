@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from jaxpd.operators.coarsen import carried, irregular, scaled, uniform
 from jaxpd.operators.fft import FFTTangent, convolution
-from jaxpd.operators.lattice import LatticeTangent, index_pairs
-from jaxpd.operators.stored import whole
+from jaxpd.operators.lattice import LatticeTangent, index_pairs, whole
 from jaxpd.operators.transfer import (
     axis_nodes,
     cut_keys,
