@@ -7,7 +7,15 @@ The rooms, in the order in which data walks through them: `geometry`, `physics`,
     jax.config.update("jax_enable_x64", True)
 """
 
-from jaxpd import discretize, gallery, geometry, operators, physics, solvers
+from jaxpd import (
+    discretize,
+    gallery,
+    geometry,
+    gradcheck,
+    operators,
+    physics,
+    solvers,
+)
 from jaxpd.geometry import (
     above,
     ball,
@@ -60,6 +68,7 @@ __all__ = [
     "gallery",
     "gaussian",
     "geometry",
+    "gradcheck",
     "holds",
     "keep_compiled",
     "lattice",

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpd._types import PointVector
+from jaxpd._types import PointScalar, PointVector
 from jaxpd.body import check_held
 from jaxpd.discretize.surface import over_bulk, relative_volumes
 from jaxpd.geometry import Family
@@ -35,12 +35,14 @@ from jaxpd.operators import (
 )
 from jaxpd.operators.fft import pivots
 from jaxpd.operators.patches import Box, rim_boxes
+from jaxpd.operators.rest import BondsAtRest, LinearForce
 from jaxpd.physics import Microelastic, micromodulus
 from jaxpd.scene import Kernel
 from jaxpd.solvers.amg import build_hierarchy
 from jaxpd.solvers.hierarchy import build_multigrid
+from jaxpd.solvers.implicit import equilibrium
 from jaxpd.solvers.linear import LinearSolver, linear_solver
-from jaxpd.solvers.newton import Newton, NewtonInfo, solve_linear, solve_newton
+from jaxpd.solvers.newton import Newton, NewtonInfo
 from jaxpd.solvers.spectral import build_spectral
 
 Params = dict[str, Any]
@@ -138,11 +140,23 @@ class Problem:
         force = BondForce(X, nbr, weight, law, delta, spec.tangent, spec.symmetric)
         return force, constraints, load
 
+    def force(self, params: Params) -> tuple[Any, Constraints, PointVector]:
+        """`build`, with the operator that is solved: linear where strains are small."""
+        operator, constraints, load = self.build(params)
+        if self.spec.kinematics == "finite":
+            return operator, constraints, load
+        if isinstance(operator, BondForce):
+            return BondsAtRest(operator), constraints, load
+        return LinearForce(self._at_rest(operator)), constraints, load
+
     def stiffness(self, params: Params | None = None) -> Any:
         """Stiffness of the undeformed body, a `Tangent`."""
         operator, _, load = self.build(self.params if params is None else params)
         if isinstance(operator, BondForce):
             return operator.tangent(jnp.zeros_like(load))
+        return self._at_rest(operator)
+
+    def _at_rest(self, operator: StencilForce) -> FFTTangent | LatticeTangent:
         rest = operator.rest()
         self._check_separation()
         if self.spec.operator == "stencil" and self.spec.kinematics == "small":
@@ -150,15 +164,34 @@ class Problem:
         return convolution(rest, self.spec.pivots, self.spec.patches)
 
     def solve(self, params: Params | None = None) -> tuple[PointVector, NewtonInfo]:
-        """Displacements [n, d] (m) in equilibrium, and how the solve went. Pure."""
+        """Displacements [n, d] (m) in equilibrium, and how the solve went.
+
+        Pure, and differentiable in `params` by `jaxpd.solvers.implicit`: `jax.grad`,
+        `jacfwd`, `jacrev`, Hessian-vector products, `vmap`. Topology is frozen: where a
+        neighbour would enter at |xi| = delta the derivative is one-sided. A shape
+        derivative in X leaves the volumes `vol` as they are, unless they are moved too.
+        """
         params = self.params if params is None else params
-        operator, constraints, load = self.build(params)
-        linear, newton = self.linear, self.spec.newton
-        if self.spec.kinematics == "small":
-            K = self.stiffness(params)
-            return solve_linear(K, constraints, load, linear, newton)
+        operator, constraints, load = self.force(params)
         u0 = jnp.zeros_like(load)
-        return solve_newton(operator, constraints, load, u0, linear, newton)
+        return equilibrium(
+            self.spec.newton, operator, constraints, load, self.linear, u0
+        )
+
+    def reaction(self, u: PointVector, params: Params | None = None) -> PointVector:
+        """Forces of the supports on the body [n, d] (N). Pure."""
+        operator, constraints, load = self.force(
+            self.params if params is None else params
+        )
+        out = -(operator.respond(u) + load)
+        return jnp.where(constraints.fixed, out, 0.0)
+
+    def energy(self, u: PointVector, params: Params | None = None) -> PointScalar:
+        """Stored energy of each point [n] (J), NaN for a law without one. Pure."""
+        operator, _, _ = self.build(self.params if params is None else params)
+        if not hasattr(operator.law, "energy"):
+            return jnp.full(len(u), jnp.nan)
+        return operator.energy_per_point(u)
 
     def solver(
         self, method: str, rtol: float = 1e-6, maxiter: int = 10_000

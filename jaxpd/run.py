@@ -41,13 +41,7 @@ _solve = jax.jit(Problem.solve)
 
 @jax.jit
 def _measure(problem: Problem, u: PointVector):
-    operator, _, load = problem.build(problem.params)
-    small = problem.spec.kinematics == "small"
-    force = -problem.stiffness().mv(u) if small else operator.respond(u)
-    reaction = jnp.where(problem.fixed, -(force + load), 0.0)
-    has_energy = hasattr(operator.law, "energy")
-    energy = operator.energy_per_point(u) if has_energy else jnp.full(len(u), jnp.nan)
-    return reaction, energy
+    return problem.reaction(u), problem.energy(u)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import jax
@@ -198,11 +199,14 @@ def over_slots(
 ) -> jax.Array:
     """Evaluate `measure(xi, nbr)` of one slot for every slot: [k, n, ...].
 
-    The way to compute an array over bonds without storing their vectors.
+    The way to compute an array over bonds without storing their vectors, backwards too.
     """
-    return jax.lax.map(
-        lambda nbr: measure(bond_vectors(X, nbr, delta), nbr), family.nbr
-    )
+
+    @partial(jax.checkpoint, prevent_cse=False)
+    def of(nbr):
+        return measure(bond_vectors(X, nbr, delta), nbr)
+
+    return jax.lax.map(of, family.nbr)
 
 
 def partial_volume(length: jax.Array, delta: Scalar, dx: jax.Array, rule: str):
@@ -248,9 +252,13 @@ def neighbourhood_volumes(
     V_i = vol_i + sum over the family of beta_ij vol_j; cut bonds are missing from it.
     """
 
-    def add(total, slot):
+    @partial(jax.checkpoint, prevent_cse=False)
+    def of(slot):
         nbr, share = slot
-        return total + share * vol[nbr], None
+        return share * vol[nbr]
+
+    def add(total, slot):
+        return total + of(slot), None
 
     return jax.lax.scan(add, vol, (family.nbr, beta))[0]
 

@@ -5,15 +5,18 @@ from jaxpd.operators.constraints import Constraints, fix
 from jaxpd.operators.fft import FFTTangent, convolution, pivots
 from jaxpd.operators.lattice import LatticeTangent
 from jaxpd.operators.protocol import ForceOperator, Tangent
+from jaxpd.operators.rest import BondsAtRest, LinearForce
 from jaxpd.operators.stencil import StencilForce
 
 __all__ = [
     "BondForce",
     "BondTangent",
+    "BondsAtRest",
     "Constraints",
     "FFTTangent",
     "ForceOperator",
     "LatticeTangent",
+    "LinearForce",
     "StencilForce",
     "Tangent",
     "assemble",

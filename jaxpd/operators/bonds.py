@@ -7,8 +7,10 @@ end, and nothing is scattered. The sum runs over the slots of the families in a
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import jax
@@ -185,7 +187,11 @@ class BondForce:
     blocks: str = field(metadata={"static": True}, default="ad")
     symmetric: bool = field(metadata={"static": True}, default=True)
 
-    unit = "N"
+    unit, linear = "N", False
+
+    def exact(self) -> BondForce:
+        """The same with tangent blocks by `jax.jacfwd`."""
+        return dataclasses.replace(self, blocks="ad")
 
     def _laws(self) -> tuple[Any, Any, Callable[[Any, Any, jax.Array], Any]]:
         """Split the law: leaves per bond (scanned), the rest, and a lookup of a slot.
@@ -224,11 +230,15 @@ class BondForce:
         per_bond, axes, of_slot = self._laws()
         each = jax.vmap(measure, in_axes=(axes, 0, 0))
 
-        def add(total, slot):
+        @partial(jax.checkpoint, prevent_cse=False)  # backwards, computed again
+        def of(slot):
             nbr, weight, scanned = slot
             xi = bond_vectors(self.X, nbr, self.delta)
             value = each(of_slot(None, scanned, nbr), xi, gather(u, nbr) - u)
-            return total + jnp.expand_dims(weight, range(1, value.ndim)) * value, None
+            return jnp.expand_dims(weight, range(1, value.ndim)) * value
+
+        def add(total, slot):
+            return total + of(slot), None
 
         dtype = jnp.result_type(u, self.weight)
         zero = jnp.zeros((u.shape[0], *shape), dtype)

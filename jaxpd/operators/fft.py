@@ -221,11 +221,17 @@ def convolution(
             some = stacked(family, boxes, left[~first], right[~first])
             left, right = left[first], right[first]
         back = tuple(slice(0, n) for n in shape)
-        own: Any = 0.0
-        for f, g in zip(left, right, strict=True):
+
+        def share(entries, f, g):
             spread = xp.fft.rfftn(g, lengths, axes=tuple(range(d)))
             sums = xp.fft.irfftn(entries * spread[None], lengths, axes=axes)
-            own = own + f[None] * sums[(slice(None), *back)]
+            return f[None] * sums[(slice(None), *back)]
+
+        # backwards, the transforms of a term are computed again and not kept
+        share = share if xp is np else jax.checkpoint(share)
+        own: Any = 0.0
+        for f, g in zip(left, right, strict=True):
+            own = own + share(entries, f, g)
         for size, pairs, out, near in some:
             table = spectrum(family, parts, size)
             patch = Patches(table[_order(d)], out, near, pairs, size)

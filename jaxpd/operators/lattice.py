@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -175,7 +176,8 @@ class LatticeTangent:
         U = [row.lay(du[:, a], 0.0) for a in range(d)]
         here = [row.shifted(x, 0) for x in U]
 
-        def add(force, item):
+        @partial(jax.checkpoint, prevent_cse=False)  # backwards, computed again
+        def of(item):
             hop, block = item
             p = [row.shifted(x, hop) for x in U]
             q = [row.shifted(x, -hop) for x in U]
@@ -184,11 +186,13 @@ class LatticeTangent:
             else:
                 f, g = factors(hop)
                 e = [f * (here[b] - p[b]) + g * (here[b] - q[b]) for b in range(d)]
-            force = list(force)
-            for b in range(d):
-                for a in range(d):
-                    force[a] = force[a] + block[a, b] * e[b]
-            return tuple(force), None
+            return tuple(
+                sum((block[a, b] * e[b] for b in range(1, d)), start=block[a, 0] * e[0])
+                for a in range(d)
+            )
+
+        def add(force, item):
+            return tuple(f + p for f, p in zip(force, of(item), strict=True)), None
 
         zero = tuple(jnp.zeros_like(x) for x in here)
         items = row.hops, full_blocks(K.parts, d)

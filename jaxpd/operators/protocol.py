@@ -48,8 +48,17 @@ class ForceOperator(Protocol):
         """Whether tangents are symmetric."""
         ...
 
+    @property
+    def linear(self) -> bool:
+        """Whether the force is linear in u."""
+        ...
+
     def respond(self, u: PointVector, history: Any = None) -> PointVector:
         """Internal force [n, d] = -dE/du where an energy exists; zero at rest."""
+        ...
+
+    def exact(self) -> ForceOperator:
+        """The same forces with tangents by automatic differentiation."""
         ...
 
     def advance(self, u: PointVector, history: Any = None) -> Any:

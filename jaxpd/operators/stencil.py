@@ -70,7 +70,11 @@ class StencilForce:
     symmetric: bool = field(metadata={"static": True}, default=True)
     stored: bool = field(metadata={"static": True}, default=True)
 
-    unit = "N"
+    unit, linear = "N", False
+
+    def exact(self) -> StencilForce:
+        """The same with tangent blocks by `jax.jacfwd`."""
+        return dataclasses.replace(self, blocks="ad")
 
     def _check(self) -> None:
         k, n = len(self.family.offsets), self.family.n
@@ -115,7 +119,7 @@ class StencilForce:
         steps = jnp.asarray(family.steps, jnp.int32)
         slots = jnp.arange(len(hop), dtype=jnp.int32)
 
-        @jax.checkpoint  # backwards, bonds are computed again and not kept
+        @partial(jax.checkpoint, prevent_cse=False)  # backwards, computed again
         def of(item):
             slot, hop, step, weight, scale, scanned = item
             to = at + step[:, None]

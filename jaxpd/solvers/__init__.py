@@ -1,5 +1,6 @@
 """Solvers: they know the protocol of the operators and no physics."""
 
+from jaxpd.solvers.implicit import equilibrium
 from jaxpd.solvers.krylov import KrylovInfo, block_jacobi, cg, pcg, point_jacobi
 from jaxpd.solvers.linear import LinearSolver
 from jaxpd.solvers.newton import Newton, NewtonInfo, solve_linear, solve_newton
@@ -16,6 +17,7 @@ __all__ = [
     "Status",
     "block_jacobi",
     "cg",
+    "equilibrium",
     "extremes",
     "pcg",
     "point_jacobi",

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from jaxpd.operators.constraints import Constraints
 from jaxpd.solvers.krylov import KrylovInfo
 from jaxpd.solvers.status import Status
 
@@ -52,25 +53,37 @@ def solve_free(
 
 
 def direct(
-    tangent: Any, fixed: jax.Array, b: jax.Array, *, rtol: float = 1e-6
+    tangent: Any,
+    constraints: Constraints,
+    b: jax.Array,
+    *,
+    rtol: float = 1e-6,
+    transpose: bool = False,
 ) -> tuple[jax.Array, KrylovInfo]:
     """Factorise a tangent's BSR matrix on the host and solve; works inside `jit`.
 
     Args:
         tangent: a pytree with `to_bsr()`, `mv` and `symmetric`.
-        fixed: mask of prescribed entries [n, d].
-        b: right-hand side [n, d], zero where fixed.
+        constraints: which entries are prescribed.
+        b: right-hand side [n, d], zero where prescribed.
         rtol: the true residual above which the solve counts as failed.
+        transpose: solve with the transpose.
     """
 
     def on_host(tangent, fixed, b):
         matrix = jax.tree.map(np.asarray, tangent).to_bsr()
+        matrix = matrix.T if transpose else matrix
         return solve_free(matrix, np.asarray(fixed), np.asarray(b), tangent.symmetric)
 
     out = jax.ShapeDtypeStruct(b.shape, b.dtype)
+    fixed = constraints.fixed
     x = jax.pure_callback(on_host, out, tangent, fixed, b, vmap_method="sequential")
+
+    def mv(v):
+        return jax.vjp(tangent.mv, v)[1](v)[0] if transpose else tangent.mv(v)
+
     norm = jnp.linalg.norm(b)
-    left = jnp.where(fixed, 0.0, b - tangent.mv(x))
+    left = constraints.project(b - mv(x))
     rel = jnp.linalg.norm(left) / jnp.where(norm > 0, norm, 1.0)
     status = jnp.where(
         rel <= rtol,

@@ -49,15 +49,21 @@ class LinearSolver:
     maxiter: int = field(metadata={"static": True}, default=10_000)
 
     def __call__(
-        self, tangent: Any, constraints: Constraints, b: jax.Array
+        self,
+        tangent: Any,
+        constraints: Constraints,
+        b: jax.Array,
+        *,
+        transpose: bool = False,
     ) -> tuple[jax.Array, KrylovInfo]:
-        """Solve P K P x = b, with x and b [n, d] zero on prescribed entries.
+        """Solve P K P x = b, or P K^T P x = b, with x and b [n, d] zero where held.
 
         Raises:
             ValueError: if CG is asked of a tangent that is not symmetric.
         """
         if self.method == "direct":
-            return direct(tangent, constraints.fixed, b, rtol=self.rtol)
+            transpose = transpose and not tangent.symmetric
+            return direct(tangent, constraints, b, rtol=self.rtol, transpose=transpose)
         if not tangent.symmetric:
             raise ValueError(
                 f"method: {self.method!r} is for symmetric tangents and this one is "

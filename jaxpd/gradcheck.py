@@ -1,0 +1,205 @@
+"""Is a derivative right? Taylor remainders say so, for any problem and parameter.
+
+    |f(p + h q) - f(p) - h f'(p) q|                        ~ h^2
+    |f(p + h q) - f(p) - h f'(p) q - h^2 q f''(p) q / 2|   ~ h^3
+
+A wrong derivative leaves the first at slope 1, a wrong second derivative the second at
+slope 2. Remainders below the noise of the solves behind f say nothing and are not used;
+solve to `rtol` of 1e-10 or less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxpd.problem import Params, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Taylor:
+    """Remainders of a Taylor expansion along one direction.
+
+    Attributes:
+        steps: h [s], falling.
+        remainders: [s].
+        derivative: f'(p) q.
+        difference: central difference of the smallest step for it.
+        order: highest derivative that the expansion has, 1 or 2.
+        floor: remainders below are noise.
+    """
+
+    steps: NDArray[np.floating]
+    remainders: NDArray[np.floating]
+    derivative: float
+    difference: float
+    order: int
+    floor: float
+
+    @property
+    def slopes(self) -> NDArray[np.floating]:
+        """Slopes between successive steps above the floor; empty if there are none."""
+        used = int(np.argmin(np.append(self.remainders > self.floor, False)))
+        r, h = self.remainders[:used], self.steps[:used]
+        return np.log(r[1:] / r[:-1]) / np.log(h[1:] / h[:-1])
+
+    @property
+    def slope(self) -> float:
+        """The slope at the smallest steps that say something; order + 1 is right.
+
+        Infinite where no two remainders are above the floor: the expansion is exact.
+        """
+        return float(self.slopes[-1]) if len(self.slopes) else np.inf
+
+    def right(self, tolerance: float = 0.05) -> bool:
+        """Whether the slope is order + 1, or the expansion exact."""
+        return self.slope > self.order + 1 - tolerance
+
+    def __str__(self) -> str:
+        """The steps, remainders and slopes, a line each."""
+        slopes = [*(f"{s:8.3f}" for s in self.slopes)]
+        slopes = [" " * 8, *slopes, *["   noise"] * len(self.steps)][: len(self.steps)]
+        lines = [
+            f"{h:10.3e} {r:12.3e} {s}"
+            for h, r, s in zip(self.steps, self.remainders, slopes, strict=True)
+        ]
+        return "\n".join(["         h    remainder    slope", *lines])
+
+
+def taylor(
+    function: Callable[..., jax.Array],
+    at: Any,
+    directions: Mapping[str, Any],
+    *operands: Any,
+    mode: str = "reverse",
+    order: int = 1,
+    steps: NDArray[np.floating] | None = None,
+    noise: float = 1e-11,
+) -> dict[str, Taylor]:
+    """Taylor tests of a scalar function along some directions, compiled once.
+
+    Args:
+        function: called as function(at, *operands); a scalar.
+        at: a pytree of floating-point arrays.
+        directions: pytrees like `at`, by name.
+        *operands: whatever else the function needs that should not become a constant.
+        mode: "reverse" takes derivatives by `jax.grad`, "forward" by `jax.jvp`.
+        order: 1, or 2 for a Hessian-vector product too, forward over `mode`.
+        steps: h, falling; 0.1 / 2^k by default.
+        noise: of the function, relative.
+
+    Returns:
+        A `Taylor` of each direction.
+
+    Raises:
+        ValueError: on an unknown mode or order.
+    """
+    if mode not in ("reverse", "forward"):
+        raise ValueError(f"mode: {mode!r} must be 'reverse' or 'forward'")
+    if order not in (1, 2):
+        raise ValueError(f"order: {order} must be 1 or 2")
+    h = 0.1 * 0.5 ** np.arange(9) if steps is None else np.asarray(steps, float)
+
+    def first(at, q, operands):
+        if mode == "forward":
+            return jax.jvp(lambda p: function(p, *operands), (at,), (q,))
+        value, gradient = jax.value_and_grad(function)(at, *operands)
+        parts = jax.tree.map(lambda g, x: jnp.sum(g * x), gradient, q)
+        return value, sum(jax.tree.leaves(parts))
+
+    @jax.jit
+    def expand(at, q, operands):
+        if order == 1:
+            return *first(at, q, operands), 0.0
+        (value, slope), (_, curvature) = jax.jvp(
+            lambda p: first(p, q, operands), (at,), (q,)
+        )
+        return value, slope, curvature
+
+    found = {}
+    for name, q in directions.items():
+        q = jax.tree.map(lambda x, p: jnp.broadcast_to(x, jnp.shape(p)) + 0.0, q, at)
+        value, slope, curvature = map(float, expand(at, q, operands))
+
+        def along(h, q=q):
+            moved = jax.tree.map(lambda p, dp: p + h * dp, at, q)
+            return float(expand(moved, q, operands)[0])
+
+        rest = [abs(along(x) - value - x * slope - 0.5 * x * x * curvature) for x in h]
+        difference = (along(h[-1]) - along(-h[-1])) / (2 * h[-1])
+        found[name] = Taylor(
+            h, np.asarray(rest), slope, difference, order, noise * abs(value)
+        )
+    return found
+
+
+def check(
+    problem: Problem,
+    names: tuple[str, ...] | None = None,
+    *,
+    params: Params | None = None,
+    measure: Callable[[Problem, Params, jax.Array], jax.Array] | None = None,
+    seed: int = 0,
+    **options: Any,
+) -> dict[str, Taylor]:
+    """Taylor tests of a problem's solution along random changes of its parameters.
+
+    Args:
+        problem: prepared with `rtol` of 1e-10 or less.
+        names: of the parameters, all by default.
+        params: where; those of the problem by default.
+        measure: a scalar of (problem, params, u); by default a random functional of
+            the displacements and their square.
+        seed: of the random changes.
+        **options: those of `taylor`.
+
+    Returns:
+        A `Taylor` of each parameter, by name.
+
+    Raises:
+        ValueError: on an unknown parameter.
+    """
+    at = dict(problem.params if params is None else params)
+    at = jax.tree.map(jnp.asarray, at)
+    unknown = sorted(set(names or ()) - set(at))
+    if unknown:
+        raise ValueError(f"names: {unknown} are no parameters; there are {sorted(at)}")
+    u, _ = jax.jit(Problem.solve)(problem, at)
+    size = float(jnp.abs(u).max()) or 1.0
+    rng = np.random.default_rng(seed)
+    weights = jnp.asarray(rng.normal(size=u.shape)) / u.size**0.5
+
+    def random_functional(problem, params, u):
+        v = u / size
+        return jnp.sum(weights * v) + 0.5 * jnp.mean(v * v)
+
+    chosen = measure or random_functional
+
+    def function(params, problem):
+        return chosen(problem, params, problem.solve(params)[0])
+
+    pull = jax.jit(Problem.reaction)(problem, u, at)
+    fallback = {"load": float(jnp.abs(pull).max()), "prescribed": size}
+    directions = {}
+    for name in names or at:
+
+        def change(x, name=name):
+            size = _size(name, x, at) or fallback.get(name, 1.0)
+            return rng.normal(size=jnp.shape(x)) * size
+
+        still = jax.tree.map(jnp.zeros_like, at)
+        directions[name] = still | {name: jax.tree.map(change, at[name])}
+    return taylor(function, at, directions, problem, **options)
+
+
+def _size(name: str, value: Any, params: Params) -> float:
+    """How far to move a parameter: of its own size, positions by a share of theirs."""
+    if name == "X":
+        return 0.2 * float(jnp.mean(params["vol"]) ** (1.0 / value.shape[1]))
+    return float(jnp.max(jnp.abs(value)))
