@@ -2,20 +2,27 @@
 
 The rooms, in the order in which data walks through them: `geometry`, `physics`,
 `discretize`, `operators`, `solvers`; then the front desk: `scene`, `gallery`, `run`,
-`plot`. Importing does nothing; statics needs 64-bit floats, which the user turns on:
+`io`, `plot`; and what looks back: `gradcheck`, `observe`, `inverse`, `fitting`,
+`uncertainty`. Importing does nothing; statics needs 64-bit floats, which the user turns
+on:
 
     jax.config.update("jax_enable_x64", True)
 """
 
 from jaxpd import (
     discretize,
+    fitting,
     gallery,
     geometry,
     gradcheck,
+    inverse,
+    observe,
     operators,
     physics,
     solvers,
+    uncertainty,
 )
+from jaxpd.fitting import Fit, fit
 from jaxpd.geometry import (
     above,
     ball,
@@ -50,6 +57,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Bonds",
     "Elastic",
+    "Fit",
     "NotConverged",
     "Problem",
     "Scene",
@@ -63,6 +71,8 @@ __all__ = [
     "conical",
     "constant",
     "discretize",
+    "fit",
+    "fitting",
     "fractional",
     "from_points",
     "gallery",
@@ -70,9 +80,11 @@ __all__ = [
     "geometry",
     "gradcheck",
     "holds",
+    "inverse",
     "keep_compiled",
     "lattice",
     "moves",
+    "observe",
     "operators",
     "physics",
     "prepare",
@@ -81,5 +93,6 @@ __all__ = [
     "segment",
     "solve_static",
     "solvers",
+    "uncertainty",
     "union",
 ]

@@ -143,11 +143,8 @@ class Solution:
         The normal displacement of the nearest point above the crack minus that of the
         nearest below. The elastic strain over the spacing between the two is included.
         """
-        X, u = np.asarray(self.X), np.asarray(self.u)
-        upper = crack.above(X)
-        distance = np.linalg.norm(X - crack.point(at), axis=1)
-        i = np.argmin(np.where(upper, distance, np.inf))
-        j = np.argmin(np.where(upper, np.inf, distance))
+        u = np.asarray(self.u)
+        i, j = crack.faces(np.asarray(self.X), at)
         return float((u[i] - u[j]) @ crack.normal)
 
 

@@ -45,6 +45,14 @@ class Crack:
         height = (X - np.asarray(self.corner)) @ self.normal
         return height > ROUND_OFF * max(1e-300, float(np.abs(X).max(initial=0.0)))
 
+    def faces(self, X: NDArray[np.floating], *t: float) -> tuple[int, int]:
+        """Points nearest to `point(*t)`: the one above the crack, the one below."""
+        upper = self.above(X)
+        distance = np.linalg.norm(X - self.point(*t), axis=1)
+        i = np.argmin(np.where(upper, distance, np.inf))
+        j = np.argmin(np.where(upper, np.inf, distance))
+        return int(i), int(j)
+
     def cuts(
         self, X: NDArray[np.floating], i: NDArray[np.integer], j: NDArray[np.integer]
     ) -> NDArray[np.bool_]:

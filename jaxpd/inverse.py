@@ -1,0 +1,272 @@
+"""Inverse problems: what was measured, what is sought, what is preferred.
+
+    loss(z) = sum r(z)^2 / 2 + penalties(z),    r = (predicted - measured) / sigma
+
+the negative logarithm of a posterior density. Sought are variables z without units or
+bounds, zero at the start; `Variable` says which parameters of the problem they make.
+Variables and penalties are pure functions beside their numbers, like the observations
+of `jaxpd.observe`: a user adds one by writing the function.
+
+Nothing is minimised here; see `jaxpd.fitting` and `jaxpd.uncertainty`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import KDTree
+
+from jaxpd.observe import Observation
+from jaxpd.problem import Params, Problem
+from jaxpd.solvers.status import Status
+
+Values = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Positive:
+    """value = start exp(z): positive, and z counts factors of e."""
+
+    def __call__(self, z: Any, start: Any) -> Any:
+        """The value."""
+        return start * jnp.exp(z)
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Between two numbers, by the logistic function."""
+
+    low: float
+    high: float
+
+    def __call__(self, z: Any, start: Any) -> Any:
+        """The value."""
+        share = (start - self.low) / (self.high - self.low)
+        at = z + jnp.log(share) - jnp.log1p(-share)
+        return self.low + (self.high - self.low) * jax.nn.sigmoid(at)
+
+
+@dataclass(frozen=True)
+class Free:
+    """value = start + scale z."""
+
+    scale: float
+
+    def __call__(self, z: Any, start: Any) -> Any:
+        """The value."""
+        return start + self.scale * z
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """Something that is sought.
+
+    Attributes:
+        start: first guess, any shape.
+        value: called as value(z, start); start itself at z = 0, monotone in each z.
+        place: parameters of the problem with a value put in, called as
+            place(params, value); None puts it where the variable's name says.
+    """
+
+    start: Any
+    value: Callable[[Any, Any], Any] = field(metadata={"static": True})
+    place: Callable[[Params, Any], Params] | None = field(
+        metadata={"static": True}, default=None
+    )
+
+
+def positive(start: Any, place: Callable[[Params, Any], Params] | None = None):
+    """A variable that stays positive.
+
+    Raises:
+        ValueError: if the first guess is not.
+    """
+    if not (np.asarray(start) > 0).all():
+        raise ValueError(f"start: {start} must be positive")
+    return Variable(np.asarray(start, float), Positive(), place)
+
+
+def bounded(
+    start: Any,
+    low: float,
+    high: float,
+    place: Callable[[Params, Any], Params] | None = None,
+) -> Variable:
+    """A variable that stays between `low` and `high`.
+
+    Raises:
+        ValueError: if the first guess does not lie between them.
+    """
+    x = np.asarray(start, float)
+    if not ((x > low) & (x < high)).all():
+        raise ValueError(f"start: {start} must lie between {low} and {high}")
+    return Variable(x, Bounded(float(low), float(high)), place)
+
+
+def free(
+    start: Any, scale: float, place: Callable[[Params, Any], Params] | None = None
+) -> Variable:
+    """A variable without bounds that is expected to move by about `scale`.
+
+    Raises:
+        ValueError: if the scale is not positive.
+    """
+    if not scale > 0:
+        raise ValueError(f"scale: {scale} must be positive")
+    return Variable(np.asarray(start, float), Free(float(scale)), place)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Penalty:
+    """What is preferred of the variables, a scalar of z.
+
+    Attributes:
+        numbers: a pytree that the function needs.
+        cost: called as cost(z, numbers), with z by name.
+    """
+
+    numbers: Any
+    cost: Callable[[Values, Any], Any] = field(metadata={"static": True})
+
+
+def smooth(
+    problem: Problem, name: str, weight: float, edges: float | None = None
+) -> Penalty:
+    """Prefer a nodal variable that varies little from point to point.
+
+    With g the difference quotient of z between near points, weight times the integral
+    of g^2 / 2, or with `edges` of sqrt(g^2 + edges^2) - edges, which lets it jump where
+    it must (smoothed total variation). Differences are taken along the 2 d nearest
+    points, on a lattice the axes.
+
+    Args:
+        problem: its points.
+        name: of the variable, [n].
+        weight: of the penalty (m^(2 - d)), or (m^(1 - d)) with `edges`.
+        edges: slope (1/m) from which on a difference counts as a jump.
+
+    Raises:
+        ValueError: on a negative weight, or a slope that is not positive.
+    """
+    if not weight >= 0:
+        raise ValueError(f"weight: {weight} must not be negative")
+    if edges is not None and not edges > 0:
+        raise ValueError(f"edges: {edges} must be positive (1/m), or None")
+    X, params = np.asarray(problem.X), problem.params
+    n, d = X.shape
+    size = params["dx"] ** d * np.ones(n) if "dx" in params else params["vol"]
+    near: Any = KDTree(X).query(X, k=min(2 * d + 1, n))[1]
+    i, j = np.repeat(np.arange(n), near.shape[1] - 1), near[:, 1:].ravel()
+    i, j = np.unique(np.sort(np.stack([i, j]), axis=0), axis=1)
+    length = np.linalg.norm(X[i] - X[j], axis=1)
+    share = 0.5 * (np.asarray(size)[i] + np.asarray(size)[j]) * weight
+
+    def cost(z, numbers):
+        i, j, length, share = numbers
+        g = (z[name][i] - z[name][j]) / length
+        if edges is None:
+            return 0.5 * jnp.sum(share * g * g)
+        # sqrt(g^2 + e^2) - e without cancellation
+        return jnp.sum(share * g * g / (jnp.sqrt(g * g + edges**2) + edges))
+
+    return Penalty((i, j, length, share), cost)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Inverse:
+    """An inverse problem: a pytree, with pure functions of z.
+
+    Attributes:
+        problem: the forward problem.
+        variables: what is sought, by name.
+        observations: what was measured.
+        penalties: what is preferred.
+    """
+
+    problem: Problem
+    variables: dict[str, Variable]
+    observations: tuple[Observation, ...]
+    penalties: tuple[Penalty, ...] = ()
+
+    def start(self) -> Values:
+        """Z of the first guess: zeros."""
+        return {k: jnp.zeros(jnp.shape(v.start)) for k, v in self.variables.items()}
+
+    def values(self, z: Values) -> Values:
+        """Values of the variables."""
+        return {k: v.value(z[k], v.start) for k, v in self.variables.items()}
+
+    def params(self, z: Values) -> Params:
+        """Parameters of the problem."""
+        params = dict(self.problem.params)
+        for name, value in self.values(z).items():
+            place = self.variables[name].place
+            params = place(params, value) if place else params | {name: value}
+        return params
+
+    def predictions(self, z: Values) -> list[jax.Array]:
+        """What exact measurements would read; NaN where a solve failed."""
+        params, problem = self.params(z), self.problem
+        factors = sorted({t for o in self.observations for t in o.load_factors})
+
+        def at(t):
+            scaled = {k: t * params[k] for k in ("load", "prescribed")}
+            u, info = problem.solve(params | scaled)
+            good = jnp.where(info.status == Status.CONVERGED, 1.0, jnp.nan)
+            of = [o.predict(problem, params | scaled, u) for o in self.observations]
+            return [good * jnp.asarray(value) for value in of]
+
+        if len(factors) == 1:
+            rows = [value[None] for value in at(factors[0])]
+        else:
+            rows = jax.lax.map(at, jnp.asarray(factors))
+        found = []
+        row: Any
+        for o, row in zip(self.observations, rows, strict=True):
+            picked = row[np.array([factors.index(t) for t in o.load_factors])]
+            picked = picked if len(o.load_factors) > 1 else picked[0]
+            if picked.shape != jnp.shape(o.data):
+                raise ValueError(
+                    f"predict: it gives an array {picked.shape} and the data are "
+                    f"{jnp.shape(o.data)}"
+                )
+            found.append(picked)
+        return found
+
+    def residuals(self, z: Values) -> jax.Array:
+        """(predicted - measured) / sigma [N]; zero where missing."""
+        found = []
+        value: Any
+        for o, value in zip(self.observations, self.predictions(z), strict=True):
+            there = jnp.isfinite(o.data)
+            r = jnp.where(there, value - jnp.where(there, o.data, 0.0), 0.0) / o.sigma
+            found.append(r.ravel())
+        return jnp.concatenate(found)
+
+    def loss(self, z: Values) -> jax.Array:
+        """Half the sum of squared residuals, and the penalties."""
+        r = self.residuals(z)
+        return 0.5 * (r @ r) + self.penalty(z)
+
+    def penalty(self, z: Values) -> jax.Array:
+        """The penalties."""
+        costs = [p.cost(z, p.numbers) for p in self.penalties]
+        return sum(costs, start=jnp.zeros(()))
+
+    @property
+    def known(self) -> bool:
+        """Whether the noise of all observations is known."""
+        return all(o.known for o in self.observations)
+
+    @property
+    def count(self) -> int:
+        """Number of measured values that are there. Host only."""
+        return sum(int(np.isfinite(o.data).sum()) for o in self.observations)
