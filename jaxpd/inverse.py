@@ -215,7 +215,8 @@ class Inverse:
     def predictions(self, z: Values) -> list[jax.Array]:
         """What exact measurements would read; NaN where a solve failed."""
         params, problem = self.params(z), self.problem
-        factors = sorted({t for o in self.observations for t in o.load_factors})
+        asked = [o.load_factors or (1.0,) for o in self.observations]
+        factors = sorted({t for some in asked for t in some})
 
         def at(t):
             scaled = {k: t * params[k] for k in ("load", "prescribed")}
@@ -230,9 +231,9 @@ class Inverse:
             rows = jax.lax.map(at, jnp.asarray(factors))
         found = []
         row: Any
-        for o, row in zip(self.observations, rows, strict=True):
-            picked = row[np.array([factors.index(t) for t in o.load_factors])]
-            picked = picked if len(o.load_factors) > 1 else picked[0]
+        for o, some, row in zip(self.observations, asked, rows, strict=True):
+            picked = row[np.array([factors.index(t) for t in some])]
+            picked = picked[0] if o.load_factors is None else picked
             if picked.shape != jnp.shape(o.data):
                 raise ValueError(
                     f"predict: it gives an array {picked.shape} and the data are "

@@ -24,12 +24,13 @@ class Observation:
     """A measured quantity.
 
     Attributes:
-        data: measured values [...], or [F, ...] with F load factors; NaN where missing.
+        data: measured values [...], [F, ...] with load factors; NaN where missing.
         sigma: standard deviation of their noise [] or as `data`; only ratios between
             observations matter where it is not `known`.
         predict: what an exact measurement would read, called as
             predict(problem, params, u) at each load factor.
-        load_factors: shares of load and prescribed displacements at which it was read.
+        load_factors: F shares of load and prescribed displacements at which it was
+            read; None is at full load, without an axis for them.
         known: whether `sigma` is the noise, or a scale whose factor is to be estimated.
     """
 
@@ -38,7 +39,9 @@ class Observation:
     predict: Callable[[Problem, Params, jax.Array], Any] = field(
         metadata={"static": True}
     )
-    load_factors: tuple[float, ...] = field(metadata={"static": True}, default=(1.0,))
+    load_factors: tuple[float, ...] | None = field(
+        metadata={"static": True}, default=None
+    )
     known: bool = field(metadata={"static": True}, default=True)
 
 
@@ -46,7 +49,7 @@ def observation(
     data: Any,
     predict: Callable[[Problem, Params, jax.Array], Any],
     sigma: Any = None,
-    load_factors: Sequence[float] = (1.0,),
+    load_factors: Sequence[float] | None = None,
 ) -> Observation:
     """An observation of anything that follows from a solution, checked.
 
@@ -54,16 +57,17 @@ def observation(
         data: measured values; NaN where missing.
         predict: see `Observation`.
         sigma: standard deviation of the noise; unknown if left out.
-        load_factors: where more than one, `data` has one row for each.
+        load_factors: if given, `data` has a row for each.
 
     Raises:
         ValueError: without data, on noise that is not positive, or on a number of rows
             that is not that of the load factors.
     """
-    values, factors = np.asarray(data, float), tuple(map(float, load_factors))
+    values = np.asarray(data, float)
+    factors = None if load_factors is None else tuple(map(float, load_factors))
     if not np.isfinite(values).any():
         raise ValueError("data: not one number is finite; NaN marks what is missing")
-    if len(factors) > 1 and values.shape[:1] != (len(factors),):
+    if factors is not None and values.shape[:1] != (len(factors),):
         raise ValueError(
             f"data: {values.shape} must have a row for each of the {len(factors)} load "
             "factors"
@@ -77,10 +81,14 @@ def observation(
     return Observation(values, size, predict, factors, known)
 
 
+def _all(problem: Problem, params: Params, u: jax.Array) -> jax.Array:
+    return u
+
+
 def displacements(data: Any, sigma: Any = None, points: Any = None) -> Observation:
     """Measured displacements [n, d] (m), or [k, d] of some points given by number."""
     if points is None:
-        return observation(data, lambda problem, params, u: u, sigma)
+        return observation(data, _all, sigma)
     at = np.asarray(points)
     return observation(data, lambda problem, params, u: u[at], sigma)
 

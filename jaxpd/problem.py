@@ -171,27 +171,15 @@ class Problem:
         neighbour would enter at |xi| = delta the derivative is one-sided. A shape
         derivative in X leaves the volumes `vol` as they are, unless they are moved too.
         """
-        params = self.params if params is None else params
-        operator, constraints, load = self.force(params)
-        u0 = jnp.zeros_like(load)
-        return equilibrium(
-            self.spec.newton, operator, constraints, load, self.linear, u0
-        )
+        return _solve(self, self.params if params is None else params)
 
     def reaction(self, u: PointVector, params: Params | None = None) -> PointVector:
         """Forces of the supports on the body [n, d] (N). Pure."""
-        operator, constraints, load = self.force(
-            self.params if params is None else params
-        )
-        out = -(operator.respond(u) + load)
-        return jnp.where(constraints.fixed, out, 0.0)
+        return _reaction(self, u, self.params if params is None else params)
 
     def energy(self, u: PointVector, params: Params | None = None) -> PointScalar:
         """Stored energy of each point [n] (J), NaN for a law without one. Pure."""
-        operator, _, _ = self.build(self.params if params is None else params)
-        if not hasattr(operator.law, "energy"):
-            return jnp.full(len(u), jnp.nan)
-        return operator.energy_per_point(u)
+        return _energy(self, u, self.params if params is None else params)
 
     def solver(
         self, method: str, rtol: float = 1e-6, maxiter: int = 10_000
@@ -249,6 +237,28 @@ class Problem:
         operator, _, _ = self.build(jax.tree.map(np.asarray, self.params))
         assert isinstance(operator, StencilForce)
         return jax.tree.map(np.asarray, operator.rest())
+
+
+# compiled even where the caller is not: operation by operation each would be
+@jax.jit
+def _solve(problem: Problem, params: Params) -> tuple[PointVector, NewtonInfo]:
+    operator, constraints, load = problem.force(params)
+    newton, linear, u0 = problem.spec.newton, problem.linear, jnp.zeros_like(load)
+    return equilibrium(newton, operator, constraints, load, linear, u0)
+
+
+@jax.jit
+def _reaction(problem: Problem, u: PointVector, params: Params) -> PointVector:
+    operator, constraints, load = problem.force(params)
+    return jnp.where(constraints.fixed, -(operator.respond(u) + load), 0.0)
+
+
+@jax.jit
+def _energy(problem: Problem, u: PointVector, params: Params) -> PointScalar:
+    operator, _, _ = problem.build(params)
+    if not hasattr(operator.law, "energy"):
+        return jnp.full(len(u), jnp.nan)
+    return operator.energy_per_point(u)
 
 
 def separate(family: GridFamily, params: Params, correction: str) -> dict[str, Any]:

@@ -36,12 +36,6 @@ __all__ = [
 
 #: Points up to which compiling takes longer than solving: Newton's method, one solve.
 QUICK_POINTS = {"finite": 50_000, "small": 200_000}
-_solve = jax.jit(Problem.solve)
-
-
-@jax.jit
-def _measure(problem: Problem, u: PointVector):
-    return problem.reaction(u), problem.energy(u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +59,14 @@ class Solution:
     peak_memory: int
 
     @functools.cached_property
-    def _measured(self) -> tuple[PointVector, PointScalar]:
-        return _measure(self.problem, self.u)
-
-    @property
     def reaction(self) -> PointVector:
         """Forces of the supports on the body [n, d] (N)."""
-        return self._measured[0]
+        return self.problem.reaction(self.u)
 
-    @property
+    @functools.cached_property
     def energy(self) -> PointScalar:
         """Stored energy of each point [n] (J); NaN for a law without one."""
-        return self._measured[1]
+        return self.problem.energy(self.u)
 
     def __repr__(self) -> str:
         """One line: sizes, status and counts."""
@@ -207,7 +197,7 @@ def equilibrium(problem: Problem) -> tuple[PointVector, NewtonInfo]:
     """
     few = len(problem.X) <= QUICK_POINTS[problem.spec.kinematics]
     if problem.spec.operator != "fft":
-        return (quickly(Problem.solve) if few else _solve)(problem)
+        return quickly(Problem.solve)(problem) if few else problem.solve()
     K, constraints, b = host_system(problem)
     solve = quickly(LinearSolver.__call__) if few else solve_system
     x, krylov = solve(problem.linear, K, constraints, b)

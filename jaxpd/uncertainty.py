@@ -257,8 +257,8 @@ def ensemble(
         inverse.observations, jax.jit(Inverse.predictions)(inverse, fit.z), strict=True
     ):
         shape = (count, *np.shape(o.data))
-        made = value + first.noise * o.sigma * rng.normal(size=shape)
-        data.append(jnp.where(jnp.isfinite(o.data), made, jnp.nan))
+        made = value[None] + first.noise * o.sigma * rng.normal(size=shape)
+        data.append(jnp.where(jnp.isfinite(o.data)[None], made, jnp.nan))
     flat, _, _ = refit(inverse, fit.z, tuple(data), iterations=iterations, batch=batch)
     _, back = ravel_pytree(fit.z)
     values = jax.tree.map(np.asarray, jax.vmap(lambda x: inverse.values(back(x)))(flat))

@@ -159,7 +159,9 @@ class Skew:
         return self.c * s * (turn @ (xi + eta))
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize(
+    "kinematics", ["small", pytest.param("finite", marks=pytest.mark.slow)]
+)
 def test_a_tangent_that_is_not_symmetric_is_solved_with_its_transpose(kinematics):
     scene = plate(kinematics, material=Skew(jnp.asarray(30.0)))
     problem = jaxpd.prepare(scene, rtol=1e-12)
@@ -170,7 +172,9 @@ def test_a_tangent_that_is_not_symmetric_is_solved_with_its_transpose(kinematics
             assert taylor.slope == pytest.approx(2.0, abs=0.05)
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize(
+    "kinematics", ["finite", pytest.param("small", marks=pytest.mark.slow)]
+)
 def test_the_derivative_of_a_failed_solve_is_nan_and_has_a_status(kinematics):
     problem = jaxpd.prepare(
         plate(kinematics), operator="gather", linear_maxiter=2, rtol=1e-10
