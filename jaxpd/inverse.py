@@ -168,15 +168,23 @@ def smooth(
     length = np.linalg.norm(X[i] - X[j], axis=1)
     share = 0.5 * (np.asarray(size)[i] + np.asarray(size)[j]) * weight
 
-    def cost(z, numbers):
+    return Penalty((i, j, length, share), _Slopes(name, edges))
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Cost of `smooth`; equal ones compile once."""
+
+    name: str
+    edges: float | None
+
+    def __call__(self, z: Values, numbers: Any) -> Any:
         i, j, length, share = numbers
-        g = (z[name][i] - z[name][j]) / length
-        if edges is None:
+        g = (z[self.name][i] - z[self.name][j]) / length
+        if self.edges is None:
             return 0.5 * jnp.sum(share * g * g)
         # sqrt(g^2 + e^2) - e without cancellation
-        return jnp.sum(share * g * g / (jnp.sqrt(g * g + edges**2) + edges))
-
-    return Penalty((i, j, length, share), cost)
+        return jnp.sum(share * g * g / (jnp.sqrt(g * g + self.edges**2) + self.edges))
 
 
 @jax.tree_util.register_dataclass
