@@ -26,15 +26,15 @@ from jaxpd.geometry.grid_family import GridFamily, offset_shares, offset_sums
 CONVENTIONS = ("none", "lattice", "analytic")
 
 
-def volume_correction(
+def volumes_over(
     X: PointVector,
     vol: PointScalar,
     family: Family,
     beta: BondScalar,
     delta: Scalar,
     V0: str,
-) -> BondScalar:
-    """Factor 2 V0 / (V_i + V_j) of every bond [k, n] (-).
+) -> PointScalar:
+    """Neighbourhood volumes over V0, v = V / V0 [n] (-).
 
     Args:
         X: reference positions (m), for the number of dimensions alone.
@@ -54,8 +54,20 @@ def volume_correction(
         whole = ball_volume(delta, d)
     else:
         raise ValueError(f"V0: {V0!r} must be 'lattice' or 'analytic'")
-    V = neighbourhood_volumes(vol, family, beta)
-    return 2.0 * whole / (V[None, :] + V[family.nbr])
+    return neighbourhood_volumes(vol, family, beta) / whole
+
+
+def volume_correction(
+    X: PointVector,
+    vol: PointScalar,
+    family: Family,
+    beta: BondScalar,
+    delta: Scalar,
+    V0: str,
+) -> BondScalar:
+    """Factor 2 V0 / (V_i + V_j) of every bond [k, n] (-); see `volumes_over`."""
+    v = volumes_over(X, vol, family, beta, delta, V0)
+    return 2.0 / (v[None, :] + v[family.nbr])
 
 
 def relative_volumes(family: GridFamily, delta: Scalar, dx: Scalar, V0: str) -> Any:

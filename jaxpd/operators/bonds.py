@@ -27,7 +27,7 @@ from jaxpd._types import (
     PointVector,
     Scalar,
 )
-from jaxpd.discretize.surface import volume_correction
+from jaxpd.discretize.surface import volumes_over
 from jaxpd.geometry.family import Family, bond_vectors, gather, partial_volumes
 from jaxpd.operators.lattice import index_pairs
 from jaxpd.physics.bond import bond_block, bond_energy, bond_force
@@ -46,11 +46,17 @@ def bond_weights(
     `correction` is "lattice" or "analytic" (see `jaxpd.discretize.surface`). Symmetric
     under exchange of the ends; zero where padded.
     """
-    beta = partial_volumes(X, vol, family, delta)
-    weight = beta * vol[None, :] * vol[family.nbr]
+    beta, v = partial_volumes(X, vol, family, delta), None
     if correction != "none":
-        weight *= volume_correction(X, vol, family, beta, delta, correction)
-    return weight
+        v = volumes_over(X, vol, family, beta, delta, correction)
+
+    @partial(jax.checkpoint, prevent_cse=False)  # backwards, slot by slot too
+    def of(slot):
+        nbr, share = slot
+        weight = share * vol * gather(vol, nbr)
+        return weight if v is None else weight * 2.0 / (v + gather(v, nbr))
+
+    return jax.lax.map(of, (family.nbr, beta))
 
 
 @jax.tree_util.register_dataclass
