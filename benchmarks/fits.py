@@ -22,7 +22,7 @@ import jaxpd
 from jaxpd.fitting import Fit, fit
 from jaxpd.inverse import Inverse, bounded, positive, smooth
 from jaxpd.observe import displacements
-from jaxpd.uncertainty import refit
+from jaxpd.resample import refit
 
 jax.config.update("jax_enable_x64", True)
 

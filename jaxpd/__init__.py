@@ -2,9 +2,9 @@
 
 The rooms, in the order in which data walks through them: `geometry`, `physics`,
 `discretize`, `operators`, `solvers`; then the front desk: `scene`, `gallery`, `run`,
-`io`, `plot`; and what looks back: `gradcheck`, `observe`, `inverse`, `fitting`,
-`uncertainty`. Importing does nothing; statics needs 64-bit floats, which the user turns
-on:
+`io`, `plot`; and what looks back: `gradcheck`, `observe`, `inverse`, `descent`,
+`fitting`, `uncertainty`, `resample`. Importing does nothing; statics needs 64-bit
+floats, which the user turns on:
 
     jax.config.update("jax_enable_x64", True)
 """
@@ -19,6 +19,7 @@ from jaxpd import (
     observe,
     operators,
     physics,
+    resample,
     solvers,
     uncertainty,
 )
@@ -90,6 +91,7 @@ __all__ = [
     "prepare",
     "pull",
     "rectangle",
+    "resample",
     "segment",
     "solve_static",
     "solvers",

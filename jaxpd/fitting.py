@@ -1,31 +1,30 @@
-"""Fitting by optax: L-BFGS or Adam, with history, progress, early stop and restart."""
+"""Fitting, with history, progress, early stop and restart; steps are `descent`'s."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
-import json
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optax
 
-from jaxpd.inverse import Inverse, Penalty, Values, Variable
-from jaxpd.io import load_state, save_state
+from jaxpd.descent import State, advance, begin
+from jaxpd.inverse import Inverse, Penalty, Values, Variable, check_variable
+from jaxpd.io import check_folder, load_state, save_state
 from jaxpd.observe import Observation
 from jaxpd.problem import Params, Problem
-from jaxpd.run import QUICK_POINTS
-from jaxpd.solvers.linear import quickly
+from jaxpd.solvers.linear import LinearSolver
 
-#: Steps without a lower loss after which a fit ends.
-PATIENCE = {"lbfgs": 2, "adam": 50}
-#: Most evaluations of a line search.
-SEARCHES = 25
+#: Steps without a lower loss after which a fit ends: of L-BFGS, of others.
+PATIENCE = (2, 50)
+#: Loss over the first from which on data count as met exactly.
+EXACT = 1e-20
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +34,9 @@ class Fit:
     Attributes:
         inverse: the problem.
         z: variables of the lowest loss, without units.
-        reason: why it ended: "gradient" (small enough), "stalled" (the loss no longer
-            falls), "steps" (used up) or "failed" (loss or gradient not finite).
+        reason: why it ended: "converged" (no step is expected to lower the loss by more
+            than `gtol` of it, or the data are met exactly), "stalled" (the loss no
+            longer falls), "steps" (used up) or "failed" (loss or gradient not finite).
         losses: loss at the start and after each step.
         gradients: largest entry of its gradient in z.
         path: values of the scalar variables, by name.
@@ -59,6 +59,18 @@ class Fit:
         """Parameters of the problem with these values."""
         return self.inverse.params(self.z)
 
+    @functools.cached_property
+    def residuals(self) -> np.ndarray:
+        """(predicted - measured) / sigma of the data that are there [N]."""
+        r = np.asarray(jax.jit(Inverse.residuals)(self.inverse, self.z))
+        there = [np.isfinite(o.data).ravel() for o in self.inverse.observations]
+        return r[np.concatenate(there)]
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of the residuals; near 1 where model and noise are right."""
+        return float(np.mean(self.residuals**2))
+
     @property
     def steps(self) -> int:
         """Steps taken."""
@@ -79,7 +91,7 @@ def fit(
     observations: Sequence[Observation],
     penalties: Sequence[Penalty] = (),
     *,
-    method: str = "lbfgs",
+    method: Any = "lbfgs",
     steps: int = 100,
     rate: float = 0.05,
     gtol: float = 1e-9,
@@ -91,15 +103,16 @@ def fit(
     """Fit parameters of a problem to observations.
 
     Args:
-        problem: its `params` are the rest.
+        problem: its `params` are the rest. Prepare it with an `rtol` well below the
+            noise over the data: a misfit is a small difference of solutions.
         variables: what is sought, by name: `jaxpd.inverse.positive` and others.
         observations: what was measured: `jaxpd.observe.displacements` and others.
         penalties: what is preferred: `jaxpd.inverse.smooth`.
-        method: "lbfgs" with a line search, or "adam".
+        method: "lbfgs" with a line search, "adam", or any transformation of optax.
         steps: most steps.
         rate: learning rate of Adam, in z.
-        gtol: it ends when the largest entry of the gradient is below this share of the
-            first.
+        gtol: L-BFGS has converged when its next step is expected to lower the loss by
+            less than this share.
         rtol: a loss that falls by less than this share has not fallen.
         progress: show a bar (needs tqdm).
         checkpoint: a file that keeps the state; if it exists, the fit goes on from it,
@@ -110,173 +123,72 @@ def fit(
         A `Fit`.
 
     Raises:
-        ValueError: on an unknown method or parameter, numbers that are not positive, or
-            a checkpoint of another fit.
+        ValueError: on an unknown method or parameter, numbers that are not positive, a
+            horizon that may leave the bonds that were found, or a checkpoint of other
+            data, starts or parameters.
     """
-    if method not in PATIENCE:
-        raise ValueError(f"method: {method!r} must be one of {list(PATIENCE)}")
+    if isinstance(method, str) and method not in ("lbfgs", "adam"):
+        raise ValueError(
+            f"method: {method!r} must be 'lbfgs', 'adam' or a transformation of optax"
+        )
     for name, number in (("steps", steps), ("rate", rate), ("every", every)):
         if not number > 0:
             raise ValueError(f"{name}: {number} must be positive")
     if not variables or not observations:
         raise ValueError("variables, observations: give at least one of each")
     for name, variable in variables.items():
-        if variable.place is None and name not in problem.params:
-            raise ValueError(
-                f"variables: {name!r} is no parameter, there are "
-                f"{sorted(problem.params)}; give it a `place`"
-            )
+        check_variable(problem, name, variable)
     inverse = Inverse(problem, variables, tuple(observations), tuple(penalties))
+    mark, file = _mark(inverse, method, rate), None
+    if checkpoint is not None:
+        file = check_folder(checkpoint)
     inverse = jax.device_put(inverse)
-    state = _begin(inverse, method, rate)
-    shapes = {k: np.shape(v.start) for k, v in variables.items()}
-    mark = f"a fit by {method} at rate {rate} of {json.dumps(shapes)}"
-    file = None if checkpoint is None else Path(checkpoint)
+    state = begin(inverse, method, rate)
     if file is not None and file.exists():
         state = load_state(file, state, mark)
     with _bar(progress, steps) as show:
         while not (reason := _ended(state, method, steps, gtol, rtol)):
-            state = _advance(state, inverse, method, rate)
-            show(state)
-            if file is not None and state.taken % every == 0:
+            if file is not None and (state.taken - 1) % every == 0:
                 save_state(file, state, mark)
-    if file is not None:
+            state = advance(state, inverse, method, rate)
+            show(state)
+    if file is not None and reason != "failed":
         save_state(file, state, mark)
     names = [k for k, v in variables.items() if not np.ndim(v.start)]
     path = dict(zip(names, state.path.T, strict=True))
     return Fit(inverse, state.best, reason, state.losses, state.gradients, path)
 
 
-class _State(NamedTuple):
-    """A fit under way: where it is, what was evaluated there, and what it remembers."""
-
-    z: Values
-    loss: Any
-    slope: Values
-    memory: Any
-    best: Values
-    losses: np.ndarray
-    gradients: np.ndarray
-    path: np.ndarray
-
-    @property
-    def taken(self) -> int:
-        return len(self.losses)
-
-    def at(self, z: Values, loss: Any, slope: Values, scalars: Any) -> _State:
-        """The next state, histories longer by one."""
-        largest = max(float(jnp.abs(g).max()) for g in jax.tree.leaves(slope))
-        better = float(loss) < self.losses.min(initial=np.inf)
-        return self._replace(
-            z=z,
-            loss=loss,
-            slope=slope,
-            best=z if better else self.best,
-            losses=np.append(self.losses, loss),
-            gradients=np.append(self.gradients, largest),
-            path=np.concatenate([self.path, np.asarray(scalars)[None]]),
-        )
+def _mark(inverse: Inverse, method: Any, rate: float) -> str:
+    """What tells this fit from others: its numbers and settings, not its solver."""
+    problem = dataclasses.replace(inverse.problem, linear=LinearSolver())
+    told = hashlib.sha256(repr(problem.spec).encode())
+    for leaf in jax.tree.leaves(dataclasses.replace(inverse, problem=problem)):
+        x = np.asarray(leaf)
+        told.update(f"{x.dtype}{x.shape}".encode() + x.tobytes())
+    how = f"by {method} at rate {rate}" if isinstance(method, str) else "by optax"
+    return f"a fit {how} of {sorted(inverse.variables)}, {told.hexdigest()[:16]}"
 
 
-def _evaluate(z: Values, inverse: Inverse) -> tuple[Any, Values, jax.Array]:
-    """Loss, infinite where a solve failed; its gradient; values of scalars."""
-
-    def of(z):
-        loss = inverse.loss(z)
-        return jnp.where(jnp.isnan(loss), jnp.inf, loss)
-
-    scalars = [v for v in inverse.values(z).values() if not jnp.ndim(v)]
-    return *jax.value_and_grad(of)(z), jnp.array(scalars)
-
-
-_compiled = jax.jit(_evaluate)
-
-
-def _look(z: Values, inverse: Inverse) -> tuple[Any, Values, jax.Array]:
-    few = len(inverse.problem.X) <= QUICK_POINTS[inverse.problem.spec.kinematics]
-    return (quickly(_evaluate) if few else _compiled)(z, inverse)
-
-
-def _optimiser(method: str, rate: float) -> Any:
-    return optax.adam(rate) if method == "adam" else optax.scale_by_lbfgs()
-
-
-@functools.partial(jax.jit, static_argnums=(3, 4))
-def _direct(slope: Values, memory: Any, z: Values, method: str, rate: float) -> Any:
-    """The way on, and the memory of the optimiser."""
-    way, memory = _optimiser(method, rate).update(slope, memory, z)
-    sign = 1.0 if method == "adam" else -1.0
-    return jax.tree.map(lambda x: sign * x, way), memory
-
-
-def _begin(inverse: Inverse, method: str, rate: float) -> _State:
-    z = inverse.start()
-    memory = jax.jit(_optimiser(method, rate).init)(z)
-    loss, slope, scalars = _look(z, inverse)
-    nothing = np.zeros(0)
-    path = np.zeros((0, len(scalars)))
-    empty = _State(z, loss, slope, memory, z, nothing, nothing, path)
-    return empty.at(z, loss, slope, scalars)
-
-
-def _advance(state: _State, inverse: Inverse, method: str, rate: float) -> _State:
-    way, memory = _direct(state.slope, state.memory, state.z, method, rate)
-    state = state._replace(memory=memory)
-    if method == "adam":
-        z = jax.tree.map(jnp.add, state.z, way)
-        return state.at(z, *_look(z, inverse))
-    return _search(state, way, inverse)
-
-
-def _search(state: _State, way: Values, inverse: Inverse) -> _State:
-    """A step along `way` that meets the weak Wolfe conditions, by bisection.
-
-    A solve that fails is too far. Source: A. S. Lewis, M. L. Overton, Math. Program.
-    141 (2013), algorithm 2.6.
-    """
-    begin = float(state.loss)
-    fall = _inner(state.slope, way)
-    # the first way is the gradient itself, of any length
-    length = 1.0 if state.taken > 1 else min(1.0, 1.0 / _inner(way, way) ** 0.5)
-    near, far, found = 0.0, np.inf, None
-    for _ in range(SEARCHES):
-        z = jax.tree.map(lambda x, p, t=length: x + t * p, state.z, way)
-        seen = _look(z, inverse)
-        slope = _inner(seen[1], way)
-        if not (float(seen[0]) <= begin + 1e-4 * length * fall and np.isfinite(slope)):
-            far = length
-        else:
-            near, found = length, (z, *seen)
-            if slope >= 0.9 * fall:
-                break
-        length = 0.5 * (near + far) if np.isfinite(far) else 2.0 * near
-    if found is None:  # nothing lower in sight: stay, and say so by the history
-        found = (state.z, state.loss, state.slope, state.path[-1])
-    return state.at(*found)
-
-
-def _inner(a: Values, b: Values) -> float:
-    return float(sum(jnp.vdot(a[k], b[k]) for k in a))
-
-
-def _ended(state: _State, method: str, steps: int, gtol: float, rtol: float) -> str:
+def _ended(state: State, method: Any, steps: int, gtol: float, rtol: float) -> str:
     """Why the fit ends, or nothing."""
-    if not state.taken:
-        return ""
-    if not np.isfinite([state.losses[-1], state.gradients[-1]]).all():
+    loss, lbfgs = float(state.loss), method == "lbfgs"
+    if not np.isfinite([loss, state.gradients[-1]]).all():
         return "failed"
-    if state.gradients[-1] <= gtol * state.gradients[0]:
-        return "gradient"
-    late = PATIENCE[method]
+    expected = -state.fall if lbfgs and state.taken > 1 else np.inf
+    exact = abs(loss) <= EXACT * abs(state.losses[0]) or state.gradients[-1] == 0
+    if exact or 0 <= expected <= gtol * abs(loss):
+        return "converged"
+    late = PATIENCE[0 if lbfgs else 1]
     if state.taken > late:
         before = state.losses[:-late].min()
-        if not state.losses[-late:].min() < (1.0 - rtol) * before:
+        if not state.losses[-late:].min() < before - rtol * abs(before):
             return "stalled"
     return "steps" if state.taken > steps else ""
 
 
 @contextlib.contextmanager
-def _bar(wanted: bool, steps: int) -> Iterator[Callable[[_State], None]]:
+def _bar(wanted: bool, steps: int) -> Iterator[Callable[[State], None]]:
     if not wanted:
         yield lambda state: None
         return

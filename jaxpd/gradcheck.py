@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpd.problem import Params, Problem
+from jaxpd.solvers.status import NotConverged, Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +46,27 @@ class Taylor:
     @property
     def slopes(self) -> NDArray[np.floating]:
         """Slopes between successive steps above the floor; empty if there are none."""
-        used = int(np.argmin(np.append(self.remainders > self.floor, False)))
+        above = np.append(self.remainders > self.floor, False)
+        used = int(np.argmin(above)) if self.finite else 0
         r, h = self.remainders[:used], self.steps[:used]
         return np.log(r[1:] / r[:-1]) / np.log(h[1:] / h[:-1])
+
+    @property
+    def finite(self) -> bool:
+        """Whether the derivative and all remainders are numbers."""
+        return bool(np.isfinite([self.derivative, *self.remainders]).all())
 
     @property
     def slope(self) -> float:
         """The slope at the smallest steps that say something; order + 1 is right.
 
-        Infinite where no two remainders are above the floor: the expansion is exact.
+        Infinite where no remainder is above the floor, the expansion being exact; NaN
+        where something is not finite, or a single remainder says too little.
         """
-        return float(self.slopes[-1]) if len(self.slopes) else np.inf
+        if len(self.slopes):
+            return float(self.slopes[-1])
+        exact = self.finite and (self.remainders <= self.floor).all()
+        return np.inf if exact else np.nan
 
     def right(self, tolerance: float = 0.05) -> bool:
         """Whether the slope is order + 1, or the expansion exact."""
@@ -164,13 +175,18 @@ def check(
 
     Raises:
         ValueError: on an unknown parameter.
+        NotConverged: if the solve itself fails.
     """
     at = dict(problem.params if params is None else params)
     at = jax.tree.map(jnp.asarray, at)
     unknown = sorted(set(names or ()) - set(at))
     if unknown:
         raise ValueError(f"names: {unknown} are no parameters; there are {sorted(at)}")
-    u, _ = jax.jit(Problem.solve)(problem, at)
+    u, info = problem.solve(at)
+    status = Status(int(info.status))
+    if status is not Status.CONVERGED:
+        history = np.asarray(info.residuals)[: int(info.iterations)]
+        raise NotConverged(status, history, f"solve ({problem.linear.method})")
     size = float(jnp.abs(u).max()) or 1.0
     rng = np.random.default_rng(seed)
     weights = jnp.asarray(rng.normal(size=u.shape)) / u.size**0.5
@@ -184,7 +200,7 @@ def check(
     def function(params, problem):
         return chosen(problem, params, problem.solve(params)[0])
 
-    pull = jax.jit(Problem.reaction)(problem, u, at)
+    pull = problem.reaction(u, at)
     fallback = {"load": float(jnp.abs(pull).max()), "prescribed": size}
     directions = {}
     for name in names or at:

@@ -6,8 +6,6 @@ the negative logarithm of a posterior density. Sought are variables z without un
 bounds, zero at the start; `Variable` says which parameters of the problem they make.
 Variables and penalties are pure functions beside their numbers, like the observations
 of `jaxpd.observe`: a user adds one by writing the function.
-
-Nothing is minimised here; see `jaxpd.fitting` and `jaxpd.uncertainty`.
 """
 
 from __future__ import annotations
@@ -81,7 +79,9 @@ class Variable:
     )
 
 
-def positive(start: Any, place: Callable[[Params, Any], Params] | None = None):
+def positive(
+    start: Any, place: Callable[[Params, Any], Params] | None = None
+) -> Variable:
     """A variable that stays positive.
 
     Raises:
@@ -122,6 +122,39 @@ def free(
     return Variable(np.asarray(start, float), Free(float(scale)), place)
 
 
+def check_variable(problem: Problem, name: str, variable: Variable) -> None:
+    """Refuse a variable that does not fit a problem.
+
+    Raises:
+        ValueError: if it is no parameter, has another shape than its first guess, or is
+            a horizon that may leave the bonds that were found.
+    """
+    if variable.place is None and name not in problem.params:
+        raise ValueError(
+            f"variables: {name!r} is no parameter, there are "
+            f"{sorted(problem.params)}; give it a `place`"
+        )
+    shape, n = np.shape(variable.start), len(problem.X)
+    value = jax.eval_shape(variable.value, jnp.zeros(shape), variable.start)
+    if value.shape != shape:
+        raise ValueError(
+            f"variables: {name!r} starts with shape {shape} and its value has "
+            f"{value.shape}; what makes arrays of it belongs into `place`"
+        )
+    if name == "E" and variable.place is None and shape not in ((), (n,)):
+        raise ValueError(f"variables: 'E' {shape} must be a number or a field [{n}]")
+    if name == "delta" and variable.place is None:
+        found = float(problem.params["delta"])
+        high = getattr(variable.value, "high", np.inf)
+        if high > found * (1 + 1e-9) or problem.family.partial != "continuous":
+            raise ValueError(
+                f"variables: 'delta' may reach {high:g} by the rule "
+                f"{problem.family.partial!r} and bonds were found within {found:g} m; "
+                "prepare the longest horizon, with partial='continuous', and use "
+                "bounded(start, low, high) up to it"
+            )
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Penalty:
@@ -141,21 +174,20 @@ def smooth(
 ) -> Penalty:
     """Prefer a nodal variable that varies little from point to point.
 
-    With g the difference quotient of z between near points, weight times the integral
-    of g^2 / 2, or with `edges` of sqrt(g^2 + edges^2) - edges, which lets it jump where
-    it must (smoothed total variation). Differences are taken along the 2 d nearest
-    points, on a lattice the axes.
+    With g the difference quotient of z (of a positive variable the logarithm of value
+    over start) to the 2 d nearest points, weight times the integral of g^2 / 2, or with
+    `edges` of sqrt(g^2 + edges^2) - edges, smoothed total variation, which may jump.
 
     Args:
         problem: its points.
         name: of the variable, [n].
-        weight: of the penalty (m^(2 - d)), or (m^(1 - d)) with `edges`.
+        weight: of the penalty, m^(2 - d), or m^(1 - d) with `edges`.
         edges: slope (1/m) from which on a difference counts as a jump.
 
     Raises:
-        ValueError: on a negative weight, or a slope that is not positive.
+        ValueError: on a negative weight or slope, or if `name` is no nodal variable.
     """
-    if not weight >= 0:
+    if not (np.isfinite(weight) and weight >= 0):
         raise ValueError(f"weight: {weight} must not be negative")
     if edges is not None and not edges > 0:
         raise ValueError(f"edges: {edges} must be positive (1/m), or None")
@@ -180,6 +212,8 @@ class _Slopes:
 
     def __call__(self, z: Values, numbers: Any) -> Any:
         i, j, length, share = numbers
+        if self.name not in z or jnp.ndim(z[self.name]) != 1:
+            raise ValueError(f"name: {self.name!r} is no nodal variable of {sorted(z)}")
         g = (z[self.name][i] - z[self.name][j]) / length
         if self.edges is None:
             return 0.5 * jnp.sum(share * g * g)
@@ -269,11 +303,6 @@ class Inverse:
         """The penalties."""
         costs = [p.cost(z, p.numbers) for p in self.penalties]
         return sum(costs, start=jnp.zeros(()))
-
-    @property
-    def known(self) -> bool:
-        """Whether the noise of all observations is known."""
-        return all(o.known for o in self.observations)
 
     @property
     def count(self) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -20,19 +19,31 @@ def save_state(file: str | Path, state: Any, mark: str) -> None:
         state: the pytree.
         mark: says whose it is; `load_state` asks for it.
     """
-    file = Path(file)
+    file = check_folder(file)
     leaves: dict[str, Any] = {
         f"leaf{k}": np.asarray(x) for k, x in enumerate(jax.tree.leaves(state))
     }
-    with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as to:
-        try:
+    beside = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        with open(beside, "wb") as to:
             np.savez(to, mark=np.array(mark), **leaves)
             to.flush()
             os.fsync(to.fileno())
-            os.replace(to.name, file)
-        except BaseException:
-            os.unlink(to.name)
-            raise
+        os.replace(beside, file)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def check_folder(file: str | Path) -> Path:
+    """The path, if its folder exists.
+
+    Raises:
+        ValueError: if it does not.
+    """
+    path = Path(file)
+    if not path.parent.is_dir():
+        raise ValueError(f"file: there is no folder {path.parent}; make it first")
+    return path
 
 
 def load_state(file: str | Path, like: Any, mark: str) -> Any:
@@ -46,8 +57,8 @@ def load_state(file: str | Path, like: Any, mark: str) -> Any:
     Raises:
         ValueError: if the file is of something else, or none of jaxpd's.
     """
-    tree = jax.tree.structure(like)
-    names = [f"leaf{k}" for k in range(tree.num_leaves)]
+    leaves, tree = jax.tree.flatten(like)
+    names = [f"leaf{k}" for k in range(len(leaves))]
     try:
         with np.load(file, allow_pickle=False) as kept:
             found = str(kept["mark"])
@@ -56,5 +67,6 @@ def load_state(file: str | Path, like: Any, mark: str) -> Any:
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
         raise ValueError(f"file: {file} is no state of jaxpd ({error})") from error
     raise ValueError(
-        f"file: {file} is of {found} and not of {mark}; delete it or name another"
+        f"checkpoint: {file} is of {found}, and this is {mark}; delete it or name "
+        "another"
     )

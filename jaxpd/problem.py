@@ -167,9 +167,11 @@ class Problem:
         """Displacements [n, d] (m) in equilibrium, and how the solve went.
 
         Pure, and differentiable in `params` by `jaxpd.solvers.implicit`: `jax.grad`,
-        `jacfwd`, `jacrev`, Hessian-vector products, `vmap`. Topology is frozen: where a
-        neighbour would enter at |xi| = delta the derivative is one-sided. A shape
-        derivative in X leaves the volumes `vol` as they are, unless they are moved too.
+        `jacfwd`, `jacrev`, Hessian-vector products, `vmap`. Topology is frozen: bonds
+        are those found within the horizon of `prepare`, and another `delta` changes
+        weights and calibration alone; with partial="continuous" that is exact for a
+        shorter one. A shape derivative in X leaves the volumes `vol` as they are,
+        unless they are moved too. A small misfit needs an `rtol` well below its size.
         """
         return _solve(self, self.params if params is None else params)
 

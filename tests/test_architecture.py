@@ -14,11 +14,12 @@ PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
     "_types", "geometry", "physics", "discretize", "operators", "solvers", "scene",
     "gallery", "body", "problem", "prepare", "run", "io", "plot", "gradcheck",
-    "observe", "inverse", "fitting", "uncertainty", "__init__", "__main__",
+    "observe", "inverse", "descent", "fitting", "uncertainty",
+    "resample", "__init__", "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))
 EXTRAS = {"matplotlib", "meshio", "tqdm"}
-OWNERS = {"pyamg": {"solvers/amg.py"}, "optax": {"fitting.py"}}
+OWNERS = {"pyamg": {"solvers/amg.py"}, "optax": {"descent.py"}}
 
 
 def room(path):

@@ -23,8 +23,8 @@ slow = pytest.mark.slow
 ROWS = [
     ("small", "fft", "multigrid", True, "reverse"),
     ("small", "gather", "amg", True, "forward"),
-    ("finite", "stencil", "multigrid", True, "reverse"),
     ("finite", "gather", "d-pcg", False, "reverse"),
+    pytest.param("finite", "stencil", "multigrid", True, "reverse", marks=slow),
     pytest.param("small", "fft", "cg", True, "reverse", marks=slow),
     pytest.param("small", "fft", "pcg", False, "forward", marks=slow),
     pytest.param("small", "fft", "d-pcg", True, "forward", marks=slow),
@@ -75,12 +75,9 @@ def field(problem):
     return {"E": 3.0 + np.random.default_rng(5).uniform(-1.0, 1.0, n)}
 
 
-def assert_slopes(found, order=1):
+def assert_slopes(found):
     for name, one in found.items():
-        exact = one.slope == np.inf
-        assert exact or one.slope == pytest.approx(order + 1, abs=0.05), (
-            f"{name}: {one.slope}\n{one}"
-        )
+        assert one.slope == pytest.approx(2.0, abs=0.05), f"{name}: {one.slope}\n{one}"
 
 
 @pytest.mark.parametrize(("kinematics", "operator", "solver", "cracked", "mode"), ROWS)
@@ -109,8 +106,10 @@ def test_second_derivatives(kinematics, operator, solver):
         plate(kinematics), operator=operator, solver=solver, rtol=1e-12
     )
     found = check(problem, params=problem.params | field(problem), order=2)
-    for name, one in found.items():
-        assert one.slope > 2.9, f"{name}: {one.slope}\n{one}"
+    linear = {"load", "prescribed"} if kinematics == "small" else set()
+    for name, one in found.items():  # the functional is quadratic in u
+        exact = name in linear and one.slope == np.inf
+        assert exact or one.slope > 2.9, f"{name}: {one.slope}\n{one}"
 
 
 @pytest.mark.slow
@@ -157,6 +156,9 @@ def test_a_wrong_derivative_has_slope_one():
     assert line.slope == np.inf
     assert line.right()
     assert "noise" in str(line)
+    broken = taylor(lambda x: jnp.sum(x) / 0.0 * 0.0, at, {"x": along})["x"]
+    assert np.isnan(broken.slope)
+    assert not broken.right()
 
 
 @pytest.mark.parametrize(

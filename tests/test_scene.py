@@ -318,6 +318,7 @@ def test_a_cloud_of_points_is_solved_like_a_lattice(rng):
     assert max(a.linear_iterations) <= 10
 
 
+@pytest.mark.slow
 def test_three_dimensions_and_a_penny_of_a_crack():
     scene = jaxpd.Scene(
         body=jaxpd.box((0, 0, 0), (1, 1, 1)),

@@ -73,7 +73,12 @@ class Hierarchy:
         self._cycle = multilevel.aspreconditioner(cycle="W")
 
     def apply(self, r: NDArray[np.floating]) -> NDArray[np.floating]:
-        """One W-cycle on a residual [n, d], on the host; zero on prescribed entries."""
+        """One W-cycle on a residual [n, d], on the host; zero on prescribed entries.
+
+        NaN for a residual that is not finite: pyamg would raise.
+        """
+        if not np.isfinite(r).all():
+            return np.full_like(r, np.nan)
         z = np.zeros(r.size, r.dtype)
         z[self._dofs] = self._cycle @ np.ascontiguousarray(np.ravel(r)[self._dofs])
         return z.reshape(r.shape)

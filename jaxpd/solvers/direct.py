@@ -27,7 +27,7 @@ def solve_free(
         symmetric: choose the ordering and pivoting for a symmetric K.
 
     Returns:
-        x [n, d]; NaN if K is exactly singular.
+        x [n, d]; NaN if K is exactly singular, or anything is not finite.
     """
     free = np.flatnonzero(~np.ravel(fixed))
     K = sp.csr_matrix(matrix)[free][:, free].tocsc()
@@ -42,6 +42,9 @@ def solve_free(
     )
     x = np.zeros(b.size)
     right = np.ravel(b)[free]
+    if not (np.isfinite(K.data).all() and np.isfinite(right).all()):
+        x[free] = np.nan
+        return x.reshape(b.shape)
     try:
         x[free] = splu(K, **how).solve(right)
         missed = np.linalg.norm(K @ x[free] - right) > 1e-9 * np.linalg.norm(right)
