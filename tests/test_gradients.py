@@ -22,9 +22,9 @@ slow = pytest.mark.slow
 #: kinematics, operator, solver, cracked, mode
 ROWS = [
     ("small", "fft", "multigrid", True, "reverse"),
-    ("small", "gather", "amg", True, "forward"),
     ("finite", "gather", "d-pcg", False, "reverse"),
     pytest.param("finite", "stencil", "multigrid", True, "reverse", marks=slow),
+    pytest.param("small", "gather", "amg", True, "forward", marks=slow),
     pytest.param("small", "fft", "cg", True, "reverse", marks=slow),
     pytest.param("small", "fft", "pcg", False, "forward", marks=slow),
     pytest.param("small", "fft", "d-pcg", True, "forward", marks=slow),

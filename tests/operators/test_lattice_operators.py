@@ -50,7 +50,13 @@ CASES = [(s, c) for s in SCENES for c in ("none", "lattice")]
 
 
 @pytest.mark.parametrize(("scene", "correction"), CASES)
-@pytest.mark.parametrize("uneven", [False, True], ids=["even", "uneven"])
+@pytest.mark.parametrize(
+    "uneven",
+    [
+        pytest.param(False, marks=pytest.mark.slow, id="even"),
+        pytest.param(True, id="uneven"),
+    ],
+)
 def test_gather_stencil_and_fft_are_one_operator(scene, correction, uneven, rng):
     found = {}
     for name in ("gather", "stencil", "fft"):

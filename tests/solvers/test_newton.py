@@ -43,6 +43,7 @@ def test_exact_tangents_converge_quadratically_and_the_axial_one_linearly():
     np.testing.assert_allclose(axial.u, ad.u, rtol=0, atol=1e-10 * abs(ad.u).max())
 
 
+@pytest.mark.slow
 def test_load_steps_arrive_at_the_same_equilibrium():
     one = solve_static(plate(strain=0.02), rtol=1e-10).checked()
     four = solve_static(plate(strain=0.02), rtol=1e-10, load_steps=4).checked()
