@@ -9,6 +9,8 @@ combined. What cannot:
 - positions X and volumes vol are parameters of "gather" alone, dx of the others.
 """
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +18,7 @@ import pytest
 
 import jaxpd
 from jaxpd.gradcheck import check, taylor
+from jaxpd.solvers.linear import METHODS
 from tests.catalogue import LogStrain
 
 slow = pytest.mark.slow
@@ -173,3 +176,26 @@ def test_bad_requests_are_refused(options, says):
     problem = jaxpd.prepare(plate("small"))
     with pytest.raises(ValueError, match=says):
         check(problem, **options)
+
+
+def test_the_rows_cover_every_pair_that_can_be_combined():
+    rows = [getattr(row, "values", row) for row in ROWS]
+    choices = [
+        ("small", "finite"),
+        ("gather", "stencil", "fft"),
+        METHODS,
+        (True, False),
+        ("reverse", "forward"),
+    ]
+
+    def fits(row):
+        lattice = row[2] in ("spectral", "multigrid")
+        return not (
+            (row[0] == "finite" and row[1] == "fft") or (row[1] == "gather" and lattice)
+        )
+
+    missing = []
+    for a, b in itertools.combinations(range(5), 2):
+        can = {(row[a], row[b]) for row in itertools.product(*choices) if fits(row)}
+        missing += sorted(map(str, can - {(row[a], row[b]) for row in rows}))
+    assert not missing
