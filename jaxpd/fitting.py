@@ -20,6 +20,7 @@ from jaxpd.io import check_folder, load_state, save_state
 from jaxpd.observe import Observation
 from jaxpd.problem import Params, Problem
 from jaxpd.solvers.linear import LinearSolver
+from jaxpd.solvers.status import Status
 
 #: Steps without a lower loss after which a fit ends: of L-BFGS, of others.
 PATIENCE = (2, 50)
@@ -76,9 +77,36 @@ class Fit:
         """Steps taken."""
         return len(self.losses) - 1
 
+    def checked(self) -> Fit:
+        """This fit, if it did not fail.
+
+        Raises:
+            ValueError: saying which observations could not be predicted.
+        """
+        if self.reason != "failed":
+            return self
+        inverse = self.inverse
+        seen = jax.jit(Inverse.predictions)(inverse, self.z)
+        bad = [
+            f"{(~np.isfinite(x)).sum()} of {np.size(x)}" for x in map(np.asarray, seen)
+        ]
+        ended = Status(int(inverse.problem.solve(self.params)[1].status)).name
+        raise ValueError(
+            f"fit: {self!r}: at the best point the solve ends with {ended}, and of the "
+            f"observations {', '.join(bad)} "
+            "predictions are no numbers; start elsewhere, keep variables inside their "
+            "domain by bounded(), check the points of observations, or see "
+            "solve_static(...).checked()"
+        )
+
     def __repr__(self) -> str:
-        """One line: why it ended, loss, scalar values."""
-        shown = {k: f"{float(v):.6g}" for k, v in self.values.items() if not v.ndim}
+        """One line: why it ended, loss, values."""
+        shown = {
+            k: " ".join(f"{x:.6g}" for x in v.ravel())
+            if v.size <= 8
+            else f"{v.size} from {v.min():.6g} to {v.max():.6g}"
+            for k, v in self.values.items()
+        }
         return (
             f"Fit({self.reason} after {self.steps} steps, loss {self.losses.min():.3e}"
             f" over {self.inverse.count} data, {shown})"
@@ -88,8 +116,8 @@ class Fit:
 def fit(
     problem: Problem,
     variables: dict[str, Variable],
-    observations: Sequence[Observation],
-    penalties: Sequence[Penalty] = (),
+    observations: Sequence[Observation] | Observation,
+    penalties: Sequence[Penalty] | Penalty = (),
     *,
     method: Any = "lbfgs",
     steps: int = 100,
@@ -134,8 +162,24 @@ def fit(
     for name, number in (("steps", steps), ("rate", rate), ("every", every)):
         if not number > 0:
             raise ValueError(f"{name}: {number} must be positive")
+    if isinstance(observations, Observation):
+        observations = [observations]
+    if isinstance(penalties, Penalty):
+        penalties = [penalties]
     if not variables or not observations:
         raise ValueError("variables, observations: give at least one of each")
+    for what, of, kind in (
+        ("variables", variables.values(), Variable),
+        ("observations", observations, Observation),
+        ("penalties", penalties, Penalty),
+    ):
+        for one in of:
+            if not isinstance(one, kind):
+                raise ValueError(
+                    f"{what}: {type(one).__name__} is no {kind.__name__}; see "
+                    "jaxpd.inverse.positive, jaxpd.observe.observation, "
+                    "jaxpd.inverse.smooth"
+                )
     for name, variable in variables.items():
         check_variable(problem, name, variable)
     inverse = Inverse(problem, variables, tuple(observations), tuple(penalties))

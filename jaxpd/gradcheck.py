@@ -10,7 +10,7 @@ solve to `rtol` of 1e-10 or less.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,9 +68,15 @@ class Taylor:
         exact = self.finite and (self.remainders <= self.floor).all()
         return np.inf if exact else np.nan
 
-    def right(self, tolerance: float = 0.05) -> bool:
-        """Whether the slope is order + 1, or the expansion exact."""
-        return self.slope > self.order + 1 - tolerance
+    @property
+    def right(self) -> bool:
+        """Whether the slope is order + 1 but for 0.05, or the expansion exact."""
+        return self.slope > self.order + 1 - 0.05
+
+    def __repr__(self) -> str:
+        """One line: slope, derivative, verdict."""
+        verdict = "right" if self.right else "NOT right"
+        return f"Taylor({verdict}: slope {self.slope:.3f}, f' q {self.derivative:.6g})"
 
     def __str__(self) -> str:
         """The steps, remainders and slopes, a line each."""
@@ -152,7 +158,7 @@ def taylor(
 
 def check(
     problem: Problem,
-    names: tuple[str, ...] | None = None,
+    names: Sequence[str] | None = None,
     *,
     params: Params | None = None,
     measure: Callable[[Problem, Params, jax.Array], jax.Array] | None = None,
@@ -177,6 +183,7 @@ def check(
         ValueError: on an unknown parameter.
         NotConverged: if the solve itself fails.
     """
+    names = (names,) if isinstance(names, str) else names
     at = dict(problem.params if params is None else params)
     at = jax.tree.map(jnp.asarray, at)
     unknown = sorted(set(names or ()) - set(at))

@@ -213,7 +213,7 @@ class _Slopes:
     def __call__(self, z: Values, numbers: Any) -> Any:
         i, j, length, share = numbers
         if self.name not in z or jnp.ndim(z[self.name]) != 1:
-            raise ValueError(f"name: {self.name!r} is no nodal variable of {sorted(z)}")
+            raise ValueError(f"name: {self.name!r} is sought as no field [n]")
         g = (z[self.name][i] - z[self.name][j]) / length
         if self.edges is None:
             return 0.5 * jnp.sum(share * g * g)

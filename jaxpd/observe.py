@@ -70,7 +70,8 @@ def observation(
     if not there.any() or np.isinf(values).any():
         raise ValueError(
             f"data: of {values.size} numbers {there.sum()} are finite and "
-            f"{np.isinf(values).sum()} infinite; NaN marks what is missing"
+            f"{np.isinf(values).sum()} infinite; there must be some and none, and NaN "
+            "marks what is missing"
         )
     if factors is not None and values.shape[:1] != (len(factors),):
         raise ValueError(
@@ -109,8 +110,11 @@ def _some(at: Any, problem: Problem, params: Params, u: jax.Array) -> jax.Array:
 def displacements(data: Any, sigma: Any = None, points: Any = None) -> Observation:
     """Measured displacements [n, d] (m), or [k, d] of some points given by number.
 
+    Rows are those of `problem.X`, points outside the body where it is held included;
+    a number beyond them is predicted as NaN, and the fit fails.
+
     Raises:
-        ValueError: on numbers that are none of points, or not one for each row; and as
+        ValueError: on negative or broken numbers, or not one for each row; and as
             `observation`.
     """
     if points is None:
@@ -144,7 +148,9 @@ def reaction_curve(
     Raises:
         ValueError: if no prescribed point lies in the region; and as `observation`.
     """
-    inside = np.zeros(np.shape(problem.fixed), bool)
+    d, inside = problem.X.shape[1], np.zeros(np.shape(problem.fixed), bool)
+    if axis not in range(d):
+        raise ValueError(f"axis: {axis!r} must be one of 0 .. {d - 1}")
     inside[:, axis] = region.contains(np.asarray(problem.X))
     inside &= np.asarray(problem.fixed)
     if not inside.any():

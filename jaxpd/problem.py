@@ -111,11 +111,12 @@ class Problem:
     ) -> tuple[BondForce | StencilForce, Constraints, PointVector]:
         """Operator, constraints and external load (N) of the given parameters."""
         if set(params) != set(self.params):
-            other = sorted(set(params) ^ set(self.params))
+            unknown = sorted(set(params) - set(self.params))
+            missing = sorted(set(self.params) - set(params))
             raise ValueError(
-                f"params: {other} must be absent or given as in problem.params, which "
-                f"are {sorted(self.params)} with the operator {self.spec.operator!r}; "
-                "positions X and volumes vol are parameters with operator='gather'"
+                f"params: {unknown} must be absent and {missing} given, as in "
+                f"`problem.params | {{name: value}}`, with the operator "
+                f"{self.spec.operator!r}; X and vol are parameters of 'gather'"
             )
         spec, delta = self.spec, params["delta"]
         constraints, load = (

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.stats import chi2, norm, t
 
 from jaxpd.fitting import Fit
 from jaxpd.inverse import Inverse, Values
@@ -34,6 +34,8 @@ MOST = 500
 WIDEST = 10.0
 #: Sensitivities this many times the tolerance of the solves are noise.
 ROUGH = 100.0
+#: Entries of an array that are shown.
+MANY = 8
 #: Furthest from the minimum that counts as being there, in standard deviations.
 NEAR = 0.1
 
@@ -51,6 +53,8 @@ class Uncertainty:
         rough: whether the solves' tolerance, and not the noise, hides one of them.
         noise: factor on the sigma of each observation, 1 where it is known.
         misfit: mean square of the residuals over these; near 1 if the model is right.
+        bound: misfit that a right model exceeds once in a million times; infinite where
+            the noise was estimated from it.
         names: of the entries of z [p].
     """
 
@@ -63,6 +67,7 @@ class Uncertainty:
     rough: bool
     noise: tuple[float, ...]
     misfit: float
+    bound: float
     names: tuple[str, ...]
 
     @property
@@ -71,13 +76,23 @@ class Uncertainty:
         return len(self.blind) == 0
 
     def __str__(self) -> str:
-        """The intervals of scalars, the misfit, and what is not identifiable."""
-        lines = [
-            f"{name}: {float(self.low[name]):.6g} .. {float(self.high[name]):.6g}"
-            for name in self.low
-            if not np.ndim(self.low[name])
-        ]
+        """The intervals, the misfit, and what is not identifiable."""
+        lines = []
+        for name, low in self.low.items():
+            ends = zip(np.ravel(low), np.ravel(self.high[name]), strict=True)
+            shown = [f"{a:.6g} .. {b:.6g}" for a, b in list(ends)[:MANY]]
+            each = (
+                [f"{name}[{k}]" for k in range(len(shown))] if np.ndim(low) else [name]
+            )
+            lines += [f"{k}: {x}" for k, x in zip(each, shown, strict=True)]
+            if np.size(low) > MANY:
+                lines.append(f"... and {np.size(low) - MANY} more of {name}")
         lines.append(f"misfit: {self.misfit:.3g}")
+        if self.misfit > self.bound:
+            lines.append(
+                "the model does not explain the data at this noise: a misfit up to "
+                f"{self.bound:.2f} is to be expected; another start, or another model"
+            )
         for row in self.blind[:5]:
             order = [k for k in np.argsort(-abs(row))[:3] if abs(row[k]) > 0.01]
             parts = " ".join(f"{row[k]:+.2f} {self.names[k]}" for k in order)
@@ -155,7 +170,17 @@ def laplace(fit: Fit, level: float = 0.95) -> Uncertainty:
     misfit = float(np.mean((r / weight)[there] ** 2))
     hidden = bool((value[~seen] > (max(s) / WIDEST) ** 2).any())
     return Uncertainty(
-        level, low, high, deviation, covariance, blind, hidden, s, misfit, _names(z)
+        level,
+        low,
+        high,
+        deviation,
+        covariance,
+        blind,
+        hidden,
+        s,
+        misfit,
+        float(chi2.isf(1e-6, there.sum()) / there.sum()) if known else np.inf,
+        _names(z),
     )
 
 

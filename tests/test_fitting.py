@@ -278,6 +278,8 @@ def test_a_fit_of_a_solve_that_fails_says_so(tmp_path):
     assert not file.exists()
     with pytest.raises(ValueError, match="failed after 0 steps"):
         laplace(found)
+    with pytest.raises(ValueError, match="MAX_ITERATIONS, and of the observations 198"):
+        found.checked()
 
 
 def test_a_far_start_arrives(rng):
@@ -390,7 +392,7 @@ def test_transforms_start_where_they_are_told():
                 [displacements(measured())],
                 [smooth(problem(), "E", 1.0)],
             ),
-            "name: 'E' is no nodal variable",
+            "name: 'E' is sought as no field",
         ),
         (
             lambda: fit(problem(), both(), [displacements(measured())], steps=0),
@@ -404,6 +406,15 @@ def test_transforms_start_where_they_are_told():
             lambda: reaction_curve(problem(), jaxpd.above(y=0.2), 1, [1.0], [1.0]),
             "region: no point that is prescribed",
         ),
+        (
+            lambda: reaction_curve(problem(), BOTTOM, "y", [1.0], [1.0]),
+            "axis: 'y' must be one of 0 .. 1",
+        ),
+        (
+            lambda: fit(problem(), {"E": 1e9}, [displacements(measured())]),
+            "float is no",
+        ),
+        (lambda: fit(problem(), both(), measured()), "ndarray is no Observation"),
         (lambda: smooth(problem(), "E", -1.0), "weight: -1.0"),
         (lambda: smooth(problem(), "E", 1.0, edges=0.0), "edges: 0.0"),
     ],

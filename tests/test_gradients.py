@@ -152,16 +152,16 @@ def test_a_wrong_derivative_has_slope_one():
     at, along = np.array([1.0, 2.0]), np.array([1.0, 0.5])
     one = taylor(square, at, {"x": along}, steps=0.5 ** np.arange(4, 20))["x"]
     assert one.slope == pytest.approx(1.0, abs=0.01)
-    assert not one.right()
+    assert not one.right
     two = taylor(lambda x: jnp.sum(x**3), at, {"x": along})["x"]
     assert two.slope == pytest.approx(2.0, abs=0.01)
     line = taylor(jnp.sum, at, {"x": along})["x"]
     assert line.slope == np.inf
-    assert line.right()
+    assert line.right
     assert "noise" in str(line)
     broken = taylor(lambda x: jnp.sum(x) / 0.0 * 0.0, at, {"x": along})["x"]
     assert np.isnan(broken.slope)
-    assert not broken.right()
+    assert not broken.right
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,10 @@ import io
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import jaxpd
 
 README = Path(__file__).parent.parent / "README.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.DOTALL)
@@ -39,7 +42,12 @@ def test_the_fit_in_ten_lines():
 @pytest.mark.slow
 def test_a_gradient_by_hand():
     """The lines after the fit go on from it."""
-    printed, names = run(block("jaxpd.fit(") + block("jax.grad"))
+    printed, names = run(block("jaxpd.fit(") + block("halves =") + block("jax.grad"))
+    np.testing.assert_allclose(
+        jaxpd.fit(names["problem"], names["halves"], names["seen"]).values["halves"],
+        30e9,
+        rtol=1e-4,
+    )
     assert float(printed.split()[-1]) == pytest.approx(float(names["slope"]), rel=1e-3)
 
 

@@ -93,7 +93,7 @@ def test_a_wrong_rule_is_caught(monkeypatch):
     found = check(problem, ("load", "alpha"))
     for taylor in found.values():
         assert taylor.slope < 1.5
-        assert not taylor.right()
+        assert not taylor.right
         assert abs(taylor.derivative / taylor.difference - 1.0) > 1e-3
 
 
