@@ -166,7 +166,7 @@ def fit(
         observations = [observations]
     if isinstance(penalties, Penalty):
         penalties = [penalties]
-    if not variables or not observations:
+    if len(variables) == 0 or len(observations) == 0:
         raise ValueError("variables, observations: give at least one of each")
     for what, of, kind in (
         ("variables", variables.values(), Variable),
