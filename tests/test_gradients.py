@@ -86,8 +86,12 @@ def assert_slopes(found):
 @pytest.mark.parametrize(("kinematics", "operator", "solver", "cracked", "mode"), ROWS)
 def test_taylor_slopes(kinematics, operator, solver, cracked, mode):
     scene = plate(kinematics, cracked)
-    problem = jaxpd.prepare(scene, operator=operator, solver=solver, rtol=1e-12)
-    found = check(problem, params=problem.params | field(problem), mode=mode)
+    # sparse LU factorises the stiffness itself, of which the FFT keeps 1e-9
+    coarse = (operator, solver) == ("fft", "direct")
+    rtol, noise = (1e-8, 1e-8) if coarse else (1e-12, 1e-11)
+    problem = jaxpd.prepare(scene, operator=operator, solver=solver, rtol=rtol)
+    at = problem.params | field(problem)
+    found = check(problem, params=at, mode=mode, noise=noise)
     expected = {"E", "alpha", "delta", "load", "prescribed"}
     assert set(found) == expected | ({"X", "vol"} if operator == "gather" else {"dx"})
     assert_slopes(found)
