@@ -1,7 +1,7 @@
 """Going downhill: steps of L-BFGS with a line search, or of any optax transformation.
 
 One function is compiled, loss and gradient together, and the line search looks at it
-from the host: half of what a line search inside the trace compiles.
+from the host: a search inside the trace would compile them again.
 """
 
 from __future__ import annotations

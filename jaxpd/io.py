@@ -67,6 +67,5 @@ def load_state(file: str | Path, like: Any, mark: str) -> Any:
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
         raise ValueError(f"file: {file} is no state of jaxpd ({error})") from error
     raise ValueError(
-        f"checkpoint: {file} is of {found}, and this is {mark}; delete it or name "
-        "another"
+        f"file: {file} is of {found}, and this is {mark}; delete it or name another"
     )
