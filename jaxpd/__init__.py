@@ -10,6 +10,7 @@ floats, which the user turns on:
 """
 
 from jaxpd import (
+    crack_path,
     discretize,
     fitting,
     gallery,
@@ -23,6 +24,16 @@ from jaxpd import (
     solvers,
     uncertainty,
 )
+from jaxpd.conditions import (
+    body_force,
+    drives,
+    holds,
+    initially,
+    moves,
+    pull,
+    traction,
+)
+from jaxpd.explicit import run_explicit
 from jaxpd.fitting import Fit, fit
 from jaxpd.geometry import (
     above,
@@ -35,35 +46,41 @@ from jaxpd.geometry import (
     segment,
     union,
 )
+from jaxpd.launch import prepare_motion
+from jaxpd.motion import Motion
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
+from jaxpd.record import Diverged, Run
 from jaxpd.run import Solution, keep_compiled, solve_static
 from jaxpd.scene import (
     Bonds,
     Elastic,
     Scene,
-    body_force,
+    Solid,
     conical,
     constant,
     fractional,
     gaussian,
-    holds,
-    moves,
-    pull,
 )
+from jaxpd.schedule import Table, ramp, table
 from jaxpd.solvers.status import NotConverged, Status
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Bonds",
+    "Diverged",
     "Elastic",
     "Fit",
+    "Motion",
     "NotConverged",
     "Problem",
+    "Run",
     "Scene",
+    "Solid",
     "Solution",
     "Status",
+    "Table",
     "above",
     "ball",
     "below",
@@ -71,7 +88,9 @@ __all__ = [
     "box",
     "conical",
     "constant",
+    "crack_path",
     "discretize",
+    "drives",
     "fit",
     "fitting",
     "fractional",
@@ -81,6 +100,7 @@ __all__ = [
     "geometry",
     "gradcheck",
     "holds",
+    "initially",
     "inverse",
     "keep_compiled",
     "lattice",
@@ -89,12 +109,17 @@ __all__ = [
     "operators",
     "physics",
     "prepare",
+    "prepare_motion",
     "pull",
+    "ramp",
     "rectangle",
     "resample",
+    "run_explicit",
     "segment",
     "solve_static",
     "solvers",
+    "table",
+    "traction",
     "uncertainty",
     "union",
 ]

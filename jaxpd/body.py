@@ -11,6 +11,8 @@ from jaxpd.geometry import (
     Cloud,
     Family,
     GridFamily,
+    HalfSpace,
+    Region,
     free_modes,
     grid_loose_points,
     grid_pieces,
@@ -19,6 +21,7 @@ from jaxpd.geometry import (
     pieces,
 )
 from jaxpd.scene import Scene
+from jaxpd.schedule import ALWAYS, Table
 
 
 def _values(value: Any, X: np.ndarray) -> np.ndarray:
@@ -57,9 +60,16 @@ def _check_axes(what: str, components: tuple[Any, ...], d: int) -> None:
             )
 
 
-def supports_on(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mask and values (m) of prescribed displacements, both [n, d]."""
-    fixed, values = np.zeros(X.shape, bool), np.zeros(X.shape)
+def supports_on(
+    scene: Scene, X: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[Table, ...]]:
+    """Mask of prescribed displacements [n, d], values (m) and their tables.
+
+    Returns:
+        The mask, the values [q, n, d] of q histories in time, and those.
+    """
+    tables = tuple(dict.fromkeys(support.time for support in scene.supports))
+    fixed, values = np.zeros(X.shape, bool), np.zeros((len(tables), *X.shape))
     for support in scene.supports:
         inside = support.region.contains(X)
         if not inside.any():
@@ -68,34 +78,86 @@ def supports_on(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         for axis, value in enumerate(support.components[: scene.d]):
             if value is not None:
                 fixed[inside, axis] = True
-                values[inside, axis] = _values(value, X[inside])
-    return fixed, values
+                values[:, inside, axis] = 0.0
+                row = values[tables.index(support.time)]
+                row[inside, axis] = _values(value, X[inside])
+    return fixed, values, tables
 
 
 def loads_on(
     scene: Scene, X: np.ndarray, vol: np.ndarray, fixed: np.ndarray
-) -> np.ndarray:
-    """External nodal forces [n, d] (N)."""
-    total = np.zeros(X.shape)
+) -> tuple[np.ndarray, tuple[Table, ...]]:
+    """External nodal forces [q, n, d] (N) of q histories in time, and those."""
+    tables = tuple(dict.fromkeys(load.time for load in scene.loads))
+    total = np.zeros((len(tables), *X.shape))
     body = scene.body.contains(X) if isinstance(scene.body, Box) else True
     for load in scene.loads:
         _check_axes("loads", load.components, scene.d)
         # layers outside the body are there for the supports and carry no load
-        inside = load.region.contains(X) & body
+        area, inside = 1.0, load.region.contains(X) & body
+        if load.kind == "traction":
+            area, inside = _face(scene, load.region, X)
+            inside &= body
         if not inside.any():
             raise ValueError(f"loads: no point of the body lies in {load.region}")
         for axis, value in enumerate(load.components[: scene.d]):
             if not callable(value) and value == 0.0:
                 continue
-            at = inside & ~fixed[:, axis] if load.resultant else inside
+            at = inside & ~fixed[:, axis] if load.kind == "resultant" else inside
             if not at.any():
                 raise ValueError(
                     f"loads: every point in {load.region} is held along {'xyz'[axis]}; "
                     "nothing is left for the resultant to pull at"
                 )
-            share = vol[at] / (vol[at].sum() if load.resultant else 1.0)
-            total[at, axis] += share * _values(value, X[at])
-    return total
+            share = vol[at] / (1.0 if load.kind == "density" else vol[at].sum())
+            row = total[tables.index(load.time)]
+            row[at, axis] += area * share * _values(value, X[at])
+    return total, tables
+
+
+def _face(scene: Scene, face: Region, X: np.ndarray) -> tuple[float, np.ndarray]:
+    """Area (m^(d-1)) of a face of a box and the points within a horizon of it."""
+    body = scene.body
+    if not (isinstance(body, Box) and isinstance(face, HalfSpace)):
+        raise ValueError("loads: a traction needs a box; use pull() on other bodies")
+    sides = np.subtract(body.hi, body.lo)
+    at = (body.hi if face.sign > 0 else body.lo)[face.axis]
+    if abs(face.at - at) > 1e-9 * sides.max():
+        raise ValueError(
+            f"loads: a traction acts on a face of the box, and {face} is none; the "
+            f"face on that side is at {at}"
+        )
+    depth = face.sign * (at - X[:, face.axis])
+    delta = scene.resolution.horizon
+    return float(np.delete(sides, face.axis).prod()), depth < delta * (1.0 - 1e-9)
+
+
+def starts_on(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements (m) and velocities (m/s) at time 0, both [n, d]."""
+    u, v = np.zeros(X.shape), np.zeros(X.shape)
+    for start in scene.starts:
+        inside = start.region.contains(X)
+        if not inside.any():
+            raise ValueError(f"starts: no point lies in {start.region}")
+        for what, components in ((u, start.u), (v, start.v)):
+            _check_axes("starts", components, scene.d)
+            for axis, value in enumerate(components[: scene.d]):
+                if value is not None:
+                    what[inside, axis] = _values(value, X[inside])
+    return u, v
+
+
+def still(values: np.ndarray, tables: tuple[Table, ...], what: str) -> np.ndarray:
+    """Values [n, d] of statics, which knows no time.
+
+    Raises:
+        ValueError: if any of them has a history.
+    """
+    if any(table != ALWAYS for table in tables):
+        raise ValueError(
+            f"{what}: a history in time is for run_explicit; statics has load steps"
+        )
+    return values.sum(axis=0)
 
 
 def check_held(X: np.ndarray, family: Family | GridFamily, fixed: np.ndarray) -> None:

@@ -69,3 +69,59 @@ def load_state(file: str | Path, like: Any, mark: str) -> Any:
     raise ValueError(
         f"file: {file} is of {found}, and this is {mark}; delete it or name another"
     )
+
+
+def write_series(
+    folder: str | Path, X: np.ndarray, t: np.ndarray, fields: dict[str, np.ndarray]
+) -> list[Path]:
+    """Write point fields over time as VTU files, and a .pvd that names them.
+
+    Args:
+        folder: made if it does not exist.
+        X: positions [n, d] (m).
+        t: times [F] (s).
+        fields: [F, n] or [F, n, d] by name.
+
+    Returns:
+        The VTU files; open "series.pvd" beside them in ParaView.
+
+    Raises:
+        ValueError: without frames, or if the folder cannot be made.
+        ModuleNotFoundError: naming the line that installs meshio.
+    """
+    try:
+        import meshio  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "VTU files need meshio; install it with: pip install 'jaxpd[mesh]'"
+        ) from error
+    if len(t) == 0:
+        raise ValueError("t: there are no frames; say frames= to run_explicit")
+    folder = Path(folder)
+    check_folder(folder).mkdir(exist_ok=True)
+
+    def in_space(x: np.ndarray) -> np.ndarray:
+        return x if x.ndim == 1 else np.pad(x, [(0, 0), (0, 3 - x.shape[1])])
+
+    points, cells = in_space(np.asarray(X, float)), np.arange(len(X))[:, None]
+    written, entries = [], []
+    for k, time in enumerate(t):
+        data: Any = {
+            name: in_space(np.asarray(x[k], float)) for name, x in fields.items()
+        }
+        path = folder / f"frame_{k:06d}.vtu"
+        meshio.write(path, meshio.Mesh(points, [("vertex", cells)], point_data=data))
+        written.append(path)
+        entries.append(f'<DataSet timestep="{float(time)!r}" file="{path.name}"/>')
+    series = "\n".join(
+        [
+            '<VTKFile type="Collection" version="0.1">',
+            "<Collection>",
+            *entries,
+            "</Collection>",
+            "</VTKFile>",
+            "",
+        ]
+    )
+    (folder / "series.pvd").write_text(series)
+    return written

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpd.body import check_held, cloud_of, loads_on, supports_on
+from jaxpd.body import check_held, cloud_of, loads_on, still, supports_on
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.geometry.grid_family import offset_sums
 from jaxpd.operators.lattice import index_pairs
@@ -27,7 +27,7 @@ from jaxpd.problem import (
     first_tangent,
     separate,
 )
-from jaxpd.scene import Elastic, Kernel, Scene
+from jaxpd.scene import Elastic, Kernel, Scene, Solid
 from jaxpd.solvers.choice import cheapest
 from jaxpd.solvers.linear import METHODS, LinearSolver
 from jaxpd.solvers.newton import Newton
@@ -90,37 +90,18 @@ def prepare(
             f"m: {delta / cloud.lattice.dx:g} bonds no diagonal neighbours, and such a "
             "lattice resists no shear; use m of at least 1.5, 3 to 8 is common"
         )
-    fixed, values = supports_on(scene, X)
+    if scene.starts or scene.no_fail:
+        raise ValueError("starts, no_fail: are for run_explicit, not for statics")
+    fixed, moved, times = supports_on(scene, X)
+    pulled, courses = loads_on(scene, X, vol, fixed)
     params: Params = {
         "delta": np.asarray(delta, X.dtype),
-        "prescribed": values.astype(X.dtype),
-        "load": loads_on(scene, X, vol, fixed).astype(X.dtype),
+        "prescribed": still(moved, times, "supports").astype(X.dtype),
+        "load": still(pulled, courses, "loads").astype(X.dtype),
     }
-    correction = resolution.correction
-    if correction is None:
-        correction = "lattice" if cloud.lattice is not None else "analytic"
-    if correction not in ("none", "lattice", "analytic"):
-        raise ValueError(
-            f"correction: {correction!r} must be 'none', 'lattice' or 'analytic'"
-        )
-    material = scene.material
-    if isinstance(material, Elastic):
-        if elastic.DIMENSIONS[material.state] != scene.d:
-            raise ValueError(
-                f"state: {material.state!r} is {elastic.DIMENSIONS[material.state]}-D "
-                f"and the body is {scene.d}-D; see jaxpd.physics.elastic"
-            )
-        elastic.check_bond_based(material.nu, material.state)
-        params |= _elastic_params(material, resolution.kernel)
-        model = ("elastic", material.nu, material.state)
-    else:
-        if not (hasattr(material, "energy") or hasattr(material, "force")):
-            raise ValueError(
-                f"material: {material!r} must be Elastic, or a law with a method "
-                "energy(xi, eta) or force(xi, eta); see jaxpd.physics.bond"
-            )
-        params["law"] = _floats("material", material)
-        model = ("law", None, "")
+    correction = correction_of(scene, cloud)
+    model, more = model_of(scene)
+    params |= more
     kernel = resolution.kernel
     symmetric = _is_symmetric(params.get("law"), scene.d)
     operator = _operator(operator, scene, cloud, params.get("law"), symmetric)
@@ -158,6 +139,41 @@ def prepare(
         solver = _solver(problem)
     linear = problem.solver(solver, linear_rtol or rtol, linear_maxiter)
     return dataclasses.replace(problem, linear=linear)
+
+
+def correction_of(scene: Scene, cloud: Cloud) -> str:
+    """The surface correction asked for, or the default."""
+    correction = scene.resolution.correction
+    if correction is None:
+        return "lattice" if cloud.lattice is not None else "analytic"
+    if correction not in ("none", "lattice", "analytic"):
+        raise ValueError(
+            f"correction: {correction!r} must be 'none', 'lattice' or 'analytic'"
+        )
+    return correction
+
+
+def model_of(scene: Scene) -> tuple[tuple[str, float | None, str], Params]:
+    """What the bonds are: "elastic" or "law" with nu and state, and their numbers."""
+    material = scene.material
+    if isinstance(material, Elastic):
+        if elastic.DIMENSIONS[material.state] != scene.d:
+            raise ValueError(
+                f"state: {material.state!r} is {elastic.DIMENSIONS[material.state]}-D "
+                f"and the body is {scene.d}-D; see jaxpd.physics.elastic"
+            )
+        elastic.check_bond_based(material.nu, material.state)
+        kernel = scene.resolution.kernel
+        model = ("elastic", material.nu, material.state)
+        return model, _elastic_params(material, kernel)
+    law = material.law if isinstance(material, Solid) else material
+    inside = getattr(law, "law", law) if hasattr(law, "advance") else law
+    if not (hasattr(inside, "energy") or hasattr(inside, "force")):
+        raise ValueError(
+            f"material: {material!r} must be Elastic, or a law with a method "
+            "energy(xi, eta) or force(xi, eta); see jaxpd.physics.bond"
+        )
+    return ("law", None, ""), {"law": _floats("material", law)}
 
 
 def _operator(asked: str, scene: Scene, cloud: Cloud, law: Any, symmetric: bool) -> str:

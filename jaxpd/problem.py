@@ -118,11 +118,12 @@ class Problem:
                 f"`problem.params | {{name: value}}`, with the operator "
                 f"{self.spec.operator!r}; X and vol are parameters of 'gather'"
             )
+        constraints = Constraints(self.fixed, params["prescribed"])
+        return self.bonds(params), constraints, params["load"]
+
+    def bonds(self, params: Params) -> BondForce | StencilForce:
+        """The operator of the given parameters, at finite displacements."""
         spec, delta = self.spec, params["delta"]
-        constraints, load = (
-            Constraints(self.fixed, params["prescribed"]),
-            params["load"],
-        )
         law = self.law(params, self.X.shape[1])
         if isinstance(self.family, GridFamily):
             family, dx, v = self.family, params["dx"], None
@@ -131,15 +132,13 @@ class Problem:
                 # relative to the bulk, so that v is 1 there whatever the convention
                 v = relative_volumes(family, delta, dx, "lattice")
                 weight = weight * over_bulk(family, delta, dx, spec.correction)
-            force = StencilForce(
+            return StencilForce(
                 family, dx, weight, v, None, law, spec.tangent, spec.symmetric
             )
-            return force, constraints, load
         X = params["X"]
         weight = bond_weights(X, params["vol"], self.family, delta, spec.correction)
         nbr = self.family.nbr
-        force = BondForce(X, nbr, weight, law, delta, spec.tangent, spec.symmetric)
-        return force, constraints, load
+        return BondForce(X, nbr, weight, law, delta, spec.tangent, spec.symmetric)
 
     def force(self, params: Params) -> tuple[Any, Constraints, PointVector]:
         """`build`, with the operator that is solved: linear where strains are small."""

@@ -1,18 +1,18 @@
 """Scenes: what a problem is, not how it is solved.
 
 A scene is data: body, material, cracks, supports, loads, and optionally a resolution.
-Nothing here is traced, searched or solved; `jaxpd.run.prepare` does that. Values are
-numbers, or callables of the positions X [n, d] through Python alone.
+Nothing here is traced, searched or solved; `jaxpd.prepare` does that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from jaxpd.conditions import Load, Start, Support
 from jaxpd.geometry import Box, Cloud, Crack, HalfSpace, Region
 from jaxpd.physics import elastic
 from jaxpd.physics.influence import (
@@ -24,8 +24,6 @@ from jaxpd.physics.influence import (
     check_order,
 )
 
-Value = float | Callable[[np.ndarray], np.ndarray]
-
 
 @dataclass(frozen=True)
 class Elastic:
@@ -36,15 +34,46 @@ class Elastic:
         nu: Poisson's ratio (-); None for a bar. Bond-based laws have 1/3 in plane
             stress, 1/4 in plane strain and in 3-D, and refuse others.
         state: "bar", "plane stress", "plane strain" or "solid".
+        rho: density (kg/m^3), for motion; 1-D and 2-D bodies are 1 m thick.
+        G0: fracture energy (J/m^2), from which bonds have their critical stretch; None
+            never breaks.
     """
 
     E: float
     nu: float | None = None
     state: str = "solid"
+    rho: float | None = None
+    G0: float | None = None
 
     def __post_init__(self):
         """Refuse constants that no stable solid has."""
         elastic.check(self.E, self.nu, self.state)
+        for name, value in (("rho", self.rho), ("G0", self.G0)):
+            if value is not None and not value > 0:
+                raise ValueError(f"{name}: {value} must be positive, or None")
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Any bond law with what motion needs.
+
+    Attributes:
+        law: a bond law (`jaxpd.physics.bond`), or one with a memory
+            (`jaxpd.physics.damage`), which then says itself when bonds break.
+        rho: density (kg/m^3).
+        s_crit: critical stretch (-) of a law without memory; inf never breaks.
+    """
+
+    law: Any
+    rho: float
+    s_crit: float = math.inf
+
+    def __post_init__(self):
+        """Refuse a solid without mass or strength."""
+        if not (self.rho > 0 and self.s_crit > 0):
+            raise ValueError(
+                f"rho, s_crit: {self.rho}, {self.s_crit} must both be positive"
+            )
 
 
 @dataclass(frozen=True)
@@ -154,84 +183,21 @@ class Bonds:
         return float(self.m or 0) * self.dx
 
 
-@dataclass(frozen=True)
-class Support:
-    """Prescribed displacement components of the points in a region.
-
-    Attributes:
-        region: where.
-        components: displacement (m) per axis; None leaves that component free.
-    """
-
-    region: Region
-    components: tuple[Value | None, ...]
-
-
-@dataclass(frozen=True)
-class Load:
-    """External force on the points in a region.
-
-    Attributes:
-        region: where.
-        components: per axis, force density (N/m^3) or resultant (N).
-        resultant: whether `components` is the resultant, spread evenly by volume.
-    """
-
-    region: Region
-    components: tuple[Value, ...]
-    resultant: bool = False
-
-
-def _components(x: Any, y: Any, z: Any, what: str) -> tuple[Any, Any, Any]:
-    for name, value in zip("xyz", (x, y, z), strict=True):
-        if value is not None and not callable(value) and not np.isfinite(value):
-            raise ValueError(f"{name}: {value} is not finite; {what} must be numbers")
-    return x, y, z
-
-
-def moves(
-    region: Region,
-    *,
-    x: Value | None = None,
-    y: Value | None = None,
-    z: Value | None = None,
-) -> Support:
-    """Prescribe displacements (m) in a region; components left out stay free."""
-    parts = _components(x, y, z, "prescribed displacements")
-    if parts == (None, None, None):
-        raise ValueError("x: moves() needs at least one of x, y, z")
-    return Support(region, parts)
-
-
-def holds(region: Region) -> Support:
-    """Hold a region: all displacement components are zero."""
-    return Support(region, (0.0, 0.0, 0.0))
-
-
-def body_force(
-    region: Region, *, x: Value = 0.0, y: Value = 0.0, z: Value = 0.0
-) -> Load:
-    """A body force density (N/m^3) in a region."""
-    return Load(region, _components(x, y, z, "loads"))
-
-
-def pull(region: Region, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Load:
-    """A resultant force (N), spread over a region in proportion to volume."""
-    return Load(region, _components(x, y, z, "loads"), resultant=True)
-
-
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A problem of statics.
+    """A problem of statics or of motion.
 
     Attributes:
         body: a `Box`, filled with a lattice, or a `Cloud`.
-        material: `Elastic`, or any bond law (a pytree, see `jaxpd.physics.bond`).
+        material: `Elastic`, `Solid`, or any bond law (a pytree, see
+            `jaxpd.physics.bond`).
         supports: prescribed displacements; later ones override earlier ones.
         loads: external forces; they add up.
         cracks: bonds that they cut are absent.
         resolution: how fine, and which nonlocal model.
         kinematics: "finite" displacements (Newton) or "small" (one linear solve).
+        starts: displacements and velocities at time 0; later ones override.
+        no_fail: regions whose bonds never break, for motion.
     """
 
     body: Box | Cloud
@@ -241,6 +207,8 @@ class Scene:
     cracks: tuple[Crack, ...] | list[Crack] = ()
     resolution: Bonds = Bonds()
     kinematics: str = "finite"
+    starts: tuple[Start, ...] | list[Start] = ()
+    no_fail: tuple[Region, ...] | list[Region] = ()
 
     def __post_init__(self):
         """Refuse words that mean nothing."""

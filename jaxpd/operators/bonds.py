@@ -199,7 +199,7 @@ class BondForce:
         """The same with tangent blocks by `jax.jacfwd`."""
         return dataclasses.replace(self, blocks="ad")
 
-    def _laws(self) -> tuple[Any, Any, Callable[[Any, Any, jax.Array], Any]]:
+    def laws(self) -> tuple[Any, Any, Callable[[Any, Any, jax.Array], Any]]:
         """Split the law: leaves per bond (scanned), the rest, and a lookup of a slot.
 
         The lookup returns the law with leaves [] or [n], one an end of each bond, and
@@ -233,7 +233,7 @@ class BondForce:
 
     def _sum(self, measure: Callable[..., jax.Array], u: PointVector, shape):
         """Sum weight * measure(law, xi, eta) over the bonds of every point."""
-        per_bond, axes, of_slot = self._laws()
+        per_bond, axes, of_slot = self.laws()
         each = jax.vmap(measure, in_axes=(axes, 0, 0))
 
         @partial(jax.checkpoint, prevent_cse=False)  # backwards, computed again
@@ -270,7 +270,7 @@ class BondForce:
 
     def tangent(self, u: PointVector, history: None = None) -> BondTangent:
         """Stiffness at u from blocks by `jax.jacfwd`, by hand, or the axial part."""
-        per_bond, axes, of_slot = self._laws()
+        per_bond, axes, of_slot = self.laws()
         pairs = index_pairs(u.shape[1], self.symmetric)
 
         def entries(law, xi, eta):

@@ -1,0 +1,171 @@
+"""What acts on a body: supports, loads, and how it starts.
+
+Values are numbers, or callables of the positions X [n, d] through Python alone; all may
+follow a history in time (`jaxpd.schedule`), which statics does not know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxpd.geometry import HalfSpace, Region
+from jaxpd.schedule import ALWAYS, STEADY, Table
+
+Value = float | Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed displacement components of the points in a region.
+
+    Attributes:
+        region: where.
+        components: displacement (m) per axis; None leaves that component free.
+        time: factor over time of motion.
+    """
+
+    region: Region
+    components: tuple[Value | None, ...]
+    time: Table = ALWAYS
+
+
+@dataclass(frozen=True)
+class Load:
+    """External force on the points in a region.
+
+    Attributes:
+        region: where; of a traction the half-space beyond a face of the box.
+        components: per axis, what `kind` says.
+        kind: force "density" (N/m^3), "resultant" (N), spread evenly by volume, or
+            "traction" (Pa), spread over the points within a horizon of the face.
+        time: factor over time of motion.
+    """
+
+    region: Region
+    components: tuple[Value, ...]
+    kind: str = "density"
+    time: Table = ALWAYS
+
+
+def _components(x: Any, y: Any, z: Any, what: str) -> tuple[Any, Any, Any]:
+    for name, value in zip("xyz", (x, y, z), strict=True):
+        if value is not None and not callable(value) and not np.isfinite(value):
+            raise ValueError(f"{name}: {value} is not finite; {what} must be numbers")
+    return x, y, z
+
+
+def moves(
+    region: Region,
+    *,
+    x: Value | None = None,
+    y: Value | None = None,
+    z: Value | None = None,
+    time: Table = ALWAYS,
+) -> Support:
+    """Prescribe displacements (m) in a region; components left out stay free."""
+    parts = _components(x, y, z, "prescribed displacements")
+    if parts == (None, None, None):
+        raise ValueError("x: moves() needs at least one of x, y, z")
+    return Support(region, parts, time)
+
+
+def drives(
+    region: Region,
+    *,
+    x: Value | None = None,
+    y: Value | None = None,
+    z: Value | None = None,
+) -> Support:
+    """Prescribe velocities (m/s) from time 0 on; components left out stay free."""
+    parts = _components(x, y, z, "prescribed velocities")
+    if parts == (None, None, None):
+        raise ValueError("x: drives() needs at least one of x, y, z")
+    return Support(region, parts, STEADY)
+
+
+def holds(region: Region) -> Support:
+    """Hold a region: all displacement components are zero."""
+    return Support(region, (0.0, 0.0, 0.0))
+
+
+def body_force(
+    region: Region,
+    *,
+    x: Value = 0.0,
+    y: Value = 0.0,
+    z: Value = 0.0,
+    time: Table = ALWAYS,
+) -> Load:
+    """A body force density (N/m^3) in a region."""
+    return Load(region, _components(x, y, z, "loads"), "density", time)
+
+
+def pull(
+    region: Region,
+    *,
+    x: float = 0.0,
+    y: float = 0.0,
+    z: float = 0.0,
+    time: Table = ALWAYS,
+) -> Load:
+    """A resultant force (N), spread over a region in proportion to volume."""
+    return Load(region, _components(x, y, z, "loads"), "resultant", time)
+
+
+def traction(
+    face: HalfSpace,
+    *,
+    x: float = 0.0,
+    y: float = 0.0,
+    z: float = 0.0,
+    time: Table = ALWAYS,
+) -> Load:
+    """A traction (Pa) on a face of a box, spread over the points within a horizon.
+
+    Args:
+        face: the half-space beyond the face, as in `above(y=0.02)`.
+        x: component of the force per area (Pa), as y and z.
+        y: see x.
+        z: see x.
+        time: factor over time of motion.
+    """
+    if not isinstance(face, HalfSpace):
+        raise ValueError(f"face: {face!r} must be a half-space, as above(y=0.02)")
+    return Load(face, _components(x, y, z, "tractions"), "traction", time)
+
+
+@dataclass(frozen=True)
+class Start:
+    """State at time 0 of the points in a region; None leaves what was there.
+
+    Attributes:
+        region: where.
+        u: displacement (m) per axis.
+        v: velocity (m/s) per axis.
+    """
+
+    region: Region
+    u: tuple[Value | None, ...]
+    v: tuple[Value | None, ...]
+
+
+def initially(
+    region: Region,
+    *,
+    ux: Value | None = None,
+    uy: Value | None = None,
+    uz: Value | None = None,
+    vx: Value | None = None,
+    vy: Value | None = None,
+    vz: Value | None = None,
+) -> Start:
+    """Displacements (m) and velocities (m/s) at time 0; those left out are 0."""
+    u = _components(ux, uy, uz, "initial displacements")
+    v = _components(vx, vy, vz, "initial velocities")
+    if u == v == (None, None, None):
+        raise ValueError("ux: initially() needs at least one component of u or v")
+    return Start(region, u, v)

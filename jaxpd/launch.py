@@ -1,0 +1,159 @@
+"""Preparing a scene to move: everything that is done once, on the host."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxpd.body import cloud_of, loads_on, starts_on, supports_on
+from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
+from jaxpd.motion import Course, Motion
+from jaxpd.operators.slots import curve
+from jaxpd.physics.damage import Brittle
+from jaxpd.prepare import correction_of, model_of
+from jaxpd.problem import Problem, Spec
+from jaxpd.scene import Elastic, Kernel, Scene
+from jaxpd.solvers.explicit import stable_dt
+from jaxpd.solvers.linear import LinearSolver
+from jaxpd.solvers.newton import Newton
+
+DTYPES = ("float32", "float64")
+
+
+def prepare_motion(
+    scene: Scene,
+    *,
+    operator: str = "auto",
+    dtype: str | None = None,
+    softening: float | None = None,
+) -> Motion:
+    """Do the host work of a moving scene once. Everything after this is traced.
+
+    Bonds that cracks cut are broken from the start; surface corrections are those of
+    the body before, so that the faces of old and new cracks are alike.
+
+    Args:
+        scene: what moves. Its material needs a density: `Elastic(.., rho=..)` or
+            `Solid(law, rho)`.
+        operator: "halves" for elastic bonds on a lattice, "slots" for those of any
+            points, "memory" for any law; "auto" takes the first of them that will do.
+        dtype: "float32" or "float64"; the default is that of JAX's arrays.
+        softening: width of the smoothed law over the critical stretch (-), 0 to 1, for
+            derivatives in G0; None breaks bonds at once.
+
+    Raises:
+        ValueError: naming the argument, its value and the cure.
+    """
+    real = jax.dtypes.canonicalize_dtype(float).name
+    dtype = real if dtype is None else dtype
+    if dtype not in DTYPES or (dtype == "float64" and real != dtype):
+        raise ValueError(
+            f"dtype: {dtype!r} must be one of {DTYPES}; 64 bits need "
+            "jax.config.update('jax_enable_x64', True) before any array is made"
+        )
+    if softening is not None and not 0 < softening < 1:
+        raise ValueError(f"softening: {softening} must lie between 0 and 1")
+    material, resolution = scene.material, scene.resolution
+    rho = getattr(material, "rho", None)
+    if rho is None:
+        raise ValueError(
+            "material: motion needs a density: Elastic(.., rho=2440.0), or "
+            "Solid(law, rho) around a law"
+        )
+    elastic = isinstance(material, Elastic)
+    breaks = elastic and material.G0 is not None
+    if softening is not None and not breaks:
+        raise ValueError("softening: is for Elastic with a fracture energy G0")
+    cloud = cloud_of(scene)
+    X, vol, delta = np.asarray(cloud.X), np.asarray(cloud.vol), resolution.horizon
+    model, params = model_of(scene)
+    if not elastic and not hasattr(params["law"], "advance"):
+        params["law"] = Brittle(params["law"], np.asarray(material.s_crit, X.dtype))
+    kind = _kind(operator, cloud, elastic, softening)
+    fixed, moved, moves = supports_on(scene, X)
+    pulled, loads = loads_on(scene, X, vol, fixed)
+    u0, v0 = starts_on(scene, X)
+    names: dict[str, Any] = {"delta": np.asarray(delta, X.dtype)}
+    search: dict[str, Any] = {"partial": resolution.partial}
+    if kind == "halves":
+        assert cloud.lattice is not None
+        family: Any = find_on_grid(cloud, delta, **search)
+        names["dx"] = np.asarray(cloud.lattice.dx, X.dtype)
+    else:
+        family = find(cloud, delta, **search)
+        names |= {"X": cloud.X, "vol": cloud.vol}
+    kernel = resolution.kernel
+    spec = Spec(
+        *model,
+        kernel=kernel.name if isinstance(kernel, Kernel) else "own",
+        correction=correction_of(scene, cloud),
+        tangent="ad",
+        kinematics="finite",
+        symmetric=True,
+        newton=Newton(),
+        operator="stencil" if kind == "halves" else "gather",
+    )
+    problem = Problem(params | names, family, fixed, X, LinearSolver(), spec)
+    params |= {
+        "rho": np.asarray(rho, X.dtype),
+        "u0": u0.astype(X.dtype),
+        "v0": v0.astype(X.dtype),
+        "load": pulled.astype(X.dtype),
+        "prescribed": moved.astype(X.dtype),
+    }
+    if breaks:
+        params["G0"] = np.asarray(material.G0, X.dtype)
+    no_fail = None
+    if scene.no_fail:
+        no_fail = np.any([r.contains(X) for r in scene.no_fail], axis=0)
+    order = curve(X) if kind == "slots" else None
+    course = Course(kind, breaks, softening, loads, moves, dtype)
+    cut = _cut(scene, cloud, family, delta)
+    return Motion(problem, params, fixed, cut, vol, no_fail, order, course)
+
+
+def _kind(asked: str, cloud: Cloud, elastic: bool, softening: float | None) -> str:
+    plain = elastic and softening is None
+    able = {"halves": plain and cloud.regular, "slots": plain, "memory": True}
+    if asked == "auto":
+        return next(kind for kind, can in able.items() if can)
+    if asked not in able:
+        raise ValueError(f"operator: {asked!r} must be 'auto' or one of {[*able]}")
+    if not able[asked]:
+        raise ValueError(
+            f"operator: {asked!r} is for Elastic"
+            f"{' on a lattice' if asked == 'halves' else ''} without softening; use "
+            "'memory', or 'auto'"
+        )
+    return asked
+
+
+def _cut(scene: Scene, cloud: Cloud, family: Any, delta: float) -> Any:
+    """Bonds that the cracks cut: (point, slot) [2, b], or a mask [k, n]."""
+    if not scene.cracks:
+        return None
+    if isinstance(family, GridFamily):
+        cracked = find_on_grid(
+            cloud, delta, partial=family.partial, cracks=scene.cracks
+        )
+        return np.asarray(cracked.cut)
+    X, nbr = np.asarray(cloud.X), np.asarray(family.nbr)
+    here = np.arange(cloud.n, dtype=np.int32)
+    cut = np.zeros(nbr.shape, bool)
+    for crack in scene.cracks:
+        for row, hit in zip(nbr, cut, strict=True):
+            hit |= crack.cuts(X, here, row)
+    return cut
+
+
+def longest_dt(motion: Motion) -> float:
+    """A time step (s) that is stable, surface corrections included; host.
+
+    See `jaxpd.solvers.explicit.stable_dt`: at rest and for bonds whose tangent does not
+    grow with their stretch, as those of `Elastic`.
+    """
+    op, drive = jax.jit(Motion.build)(motion, motion.params)
+    diagonal = jax.jit(lambda op, history: op.diagonal(history))(op, motion.start())
+    return stable_dt(np.asarray(diagonal), np.asarray(op.pick(drive.mass)))

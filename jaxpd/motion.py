@@ -1,0 +1,314 @@
+"""A scene made ready to move: one pure function of its parameters and of time.
+
+`jaxpd.launch.prepare_motion` builds what does not change into a `Motion`, a pytree
+whose floating-point defaults are `motion.params`. `build` makes operator and drive of
+any such parameters; `march` integrates and may be differentiated in reverse, with the
+memory of the square root of the steps. `jaxpd.run_explicit` drives the same functions
+from the host.
+
+Bonds that break are frozen in a derivative: it is that of a run in which the same bonds
+break in the same steps. It is wrong wherever another parameter would break other bonds,
+and zero in G0. `softening=` of `prepare_motion` makes the loss gradual instead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpd._types import PointScalar, PointVector
+from jaxpd.geometry.family import Family, partial_volumes
+from jaxpd.geometry.grid_family import GridFamily, offset_lengths, offset_shares
+from jaxpd.operators import BondForce, StencilForce
+from jaxpd.operators.halves import HalfForce, start_bits
+from jaxpd.operators.memory import MemoryForce
+from jaxpd.operators.row import row_of
+from jaxpd.operators.slots import SlotForce
+from jaxpd.physics.damage import Brittle, Softening, critical_stretch
+from jaxpd.problem import Params, Problem
+from jaxpd.schedule import Table
+from jaxpd.solvers.explicit import Drive, State, begin, verlet
+
+#: Kinds of operators of motion, see `jaxpd.operators.protocol`.
+KINDS = ("halves", "slots", "memory")
+
+
+@dataclass(frozen=True)
+class Course:
+    """What of a motion is known when it is traced; hashable.
+
+    Attributes:
+        kind: one of `KINDS`.
+        breaks: whether bonds of an elastic material have a critical stretch.
+        softening: width of the smoothed law over s_crit, or None.
+        loads: histories of the loads.
+        moves: histories of the prescribed displacements.
+        dtype: "float32" or "float64".
+    """
+
+    kind: str
+    breaks: bool
+    softening: float | None
+    loads: tuple[Table, ...]
+    moves: tuple[Table, ...]
+    dtype: str
+
+    def factors(self, dt: float, first: int, steps: int) -> tuple[Any, Any, Any]:
+        """Factors of `jaxpd.solvers.explicit.verlet`, in 64 bits on the host."""
+        t = dt * (first + np.arange(steps + 1))
+        load, move = (
+            np.stack([table(t) for table in tables], axis=1)
+            if tables
+            else np.zeros((len(t), 0))
+            for tables in (self.loads, self.moves)
+        )
+        return load[:-1], load[1:], np.diff(move, axis=0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A scene made ready to move.
+
+    Attributes:
+        problem: points and bonds, none of them cut.
+        params: defaults of what may be varied or differentiated: E [] or [n] (Pa) with
+            alpha, ratio or omega of the influence function, or `law`; rho [] or [n]
+            (kg/m^3); G0 [] (J/m^2) where bonds break; u0, v0 [n, d] (m, m/s); load
+            [q, n, d] (N) and prescribed [p, n, d] (m, or m/s of a velocity), one a
+            history in time.
+        fixed: mask of prescribed displacement components [n, d].
+        cut: bonds that cracks cut, as the operator's `start` takes them.
+        vol: volumes [n] (m^d).
+        no_fail: mask of points whose bonds never break [n], or None.
+        order: numbers of the points along a curve [n], for "slots".
+        course: how it is modelled, static.
+    """
+
+    problem: Problem
+    params: Params
+    fixed: Any
+    cut: Any
+    vol: PointScalar
+    no_fail: Any
+    order: Any
+    course: Course = field(metadata={"static": True})
+
+    @property
+    def X(self) -> PointVector:
+        """Reference positions [n, d] (m)."""
+        return self.problem.X
+
+    def _bonds(self, params: Params) -> Any:
+        """The elastic operator, the critical stretch, and what shares damage counts."""
+        kept = self.problem.params
+        shared = {name: params[name] for name in kept if name in params}
+        bonds = self.problem.bonds(kept | shared)
+        if not self.course.breaks:
+            return bonds, math.inf
+        law, d = bonds.law, self.X.shape[1]
+        s = critical_stretch(params["G0"], law.c, law.omega, d, kept["delta"])
+        if self.no_fail is not None:
+            s = jnp.where(self.no_fail, math.inf, s)
+        return bonds, s
+
+    def operator(self, params: Params) -> HalfForce | SlotForce | MemoryForce:
+        """The operator of the given parameters; see `jaxpd.operators.protocol`."""
+        bonds, s_crit = self._bonds(params)
+        dtype = jnp.dtype(self.course.dtype)
+
+        def cast(tree):
+            return jax.tree.map(
+                lambda x: (
+                    jnp.asarray(x, dtype)
+                    if jnp.issubdtype(jnp.result_type(x), jnp.floating)
+                    else x
+                ),
+                tree,
+            )
+
+        if isinstance(bonds, StencilForce):
+            law, family = bonds.law, bonds.family
+            nodal = jnp.ndim(law.c) == 1
+            stiff = bonds.weight * law.omega(offset_lengths(family, bonds.dx))
+            delta = self.problem.params["delta"]
+            numbers: Any = cast(
+                (
+                    stiff if nodal else stiff * law.c,
+                    bonds.dx,
+                    s_crit,
+                    law.c if nodal else None,
+                    bonds.v,
+                    bonds.scale,
+                    offset_shares(family, delta, bonds.dx),
+                )
+            )
+            return HalfForce(
+                *numbers,
+                family,
+            )
+        delta, family = bonds.delta, self.problem.family
+        assert isinstance(family, Family)
+        share = partial_volumes(bonds.X, self.vol, family, delta)
+        share = jax.lax.map(
+            lambda slot: slot[1] * jnp.asarray(self.vol)[slot[0]], (family.nbr, share)
+        )
+        if self.course.kind == "slots":
+            return self._slots(bonds, s_crit, share, cast)
+        law = bonds.law
+        if self.course.softening is not None:
+            law = Softening(law, jnp.asarray(s_crit), self.course.softening)
+        elif not hasattr(law, "advance"):
+            law = Brittle(law, jnp.asarray(s_crit))
+        X, weight, law, delta, share = cast((bonds.X, bonds.weight, law, delta, share))
+        return MemoryForce(BondForce(X, bonds.nbr, weight, law, delta), share)
+
+    def _slots(self, bonds: BondForce, s_crit: Any, share: Any, cast: Any) -> SlotForce:
+        law, order = bonds.law, jnp.asarray(self.order)
+        here = jnp.arange(len(order), dtype=order.dtype)
+        place = jnp.zeros_like(order).at[order].set(here)
+        nbr = place[bonds.nbr[:, order]]
+        X = bonds.X[order]
+        lead = jnp.zeros(X.shape[1]).at[0].set(1.0) * bonds.delta
+
+        def of(slot):
+            nbr, weight = slot
+            pad = jnp.where(nbr == here, 1.0, 0.0)
+            xi = X[nbr] - X + pad[:, None] * lead[None, :]
+            c = law.c if jnp.ndim(law.c) == 0 else law.c[order]
+            c = c if jnp.ndim(c) == 0 else 0.5 * (c + c[nbr])
+            r = jnp.sqrt(jnp.sum(xi * xi, axis=1))
+            return xi.T, weight * c * law.omega(r)
+
+        xi, stiff = jax.lax.map(of, (nbr, bonds.weight[:, order]))
+        s = s_crit if jnp.ndim(s_crit) == 0 else s_crit[order]
+        xi, stiff, s, share = cast((xi, stiff, s, share[:, order]))
+        return SlotForce(nbr, xi, stiff, s, share, order, place)
+
+    def build(self, params: Params) -> tuple[Any, Drive]:
+        """Operator and drive of the given parameters.
+
+        Raises:
+            ValueError: if names are missing or unknown.
+        """
+        if set(params) != set(self.params):
+            odd = sorted(set(params) ^ set(self.params))
+            raise ValueError(
+                f"params: {odd} must be absent or given, as in motion.params | "
+                f"{{name: value}}; there are {sorted(self.params)}"
+            )
+        op, dtype = self.operator(params), jnp.dtype(self.course.dtype)
+
+        def lay(x, empty=None):
+            return op.lay(jnp.asarray(x, dtype))
+
+        n, d = self.X.shape
+        mass = op.lay(jnp.broadcast_to(jnp.asarray(params["rho"]), (n,)) * self.vol)
+        mass = jnp.where(mass > 0.0, mass, 1.0).astype(dtype)  # empty places
+        shape = (0, d, len(mass))
+        loads = [lay(x) for x in params["load"]]
+        moves = [lay(x) for x in params["prescribed"]]
+        held = None
+        if len(moves):
+            held = op.lay(jnp.asarray(self.fixed, dtype)) > 0.5
+        return op, Drive(
+            mass,
+            jnp.stack(loads) if loads else jnp.zeros(shape, dtype),
+            held,
+            jnp.stack(moves) if moves else None,
+        )
+
+    def first(self, op: Any, params: Params, history: Any) -> State:
+        """The state at time 0; `history` is `op.start(motion.cut)`."""
+        dtype, course = jnp.dtype(self.course.dtype), self.course
+        u, v = (jnp.asarray(params[name], dtype) for name in ("u0", "v0"))
+        if course.moves:
+            values = jnp.asarray(params["prescribed"], dtype)
+            held = [
+                sum(float(at) * x for at, x in zip(factors, values, strict=True))
+                for factors in zip(*(t.at_start() for t in course.moves), strict=True)
+            ]
+            u, v = (
+                jnp.where(self.fixed, x, y) for x, y in zip(held, (u, v), strict=True)
+            )
+        return begin(op, op.lay(u), op.lay(v), history)
+
+    def march(
+        self,
+        params: Params | None = None,
+        *,
+        dt: float,
+        every: int,
+        records: int,
+        measure: Callable[[jax.Array, jax.Array], Any] | None = None,
+    ) -> tuple[jax.Array, jax.Array, Any]:
+        """Integrate from time 0; pure, and differentiable in `params` in reverse.
+
+        Memory of a derivative is that of `records` + `every` states, least where both
+        are the square root of the steps. Bonds that break are frozen, see the module.
+
+        Args:
+            params: of the motion; its own by default.
+            dt: time step (s), a number; not checked here, see `longest_dt`.
+            every: steps between records.
+            records: how many; records * every steps in all.
+            measure: called as measure(u, v) with displacements and velocities [n, d] at
+                each record; a function made anew is compiled anew.
+
+        Returns:
+            u, v [n, d] at the end, and what was measured, [records, ...] each.
+        """
+        params = self.params if params is None else params
+        if not (dt > 0 and every > 0 and records > 0):
+            raise ValueError(
+                f"dt, every, records: {dt}, {every}, {records} must all be positive"
+            )
+        factors = self.course.factors(float(dt), 0, every * records)
+        factors = jax.tree.map(lambda x: x.reshape(records, every, -1), factors)
+        history = self.start()
+        return _march(self, params, history, float(dt), factors, measure)
+
+    def start(self, whole: bool = False) -> Any:
+        """The memory of the bonds at time 0. Host only.
+
+        Args:
+            whole: leave the cracks out.
+        """
+        family, cut = self.problem.family, None if whole else self.cut
+        if isinstance(family, GridFamily):
+            return jnp.asarray(start_bits(row_of(family.shape, family.offsets), cut))
+        nbr = np.asarray(family.nbr)
+        there = nbr != np.arange(nbr.shape[1])
+        if cut is not None:
+            there &= ~np.asarray(cut)
+        if self.course.kind == "slots":
+            return jnp.asarray(there[:, np.asarray(self.order)])
+        law: Any = self.params.get("law")
+        start = law.start if hasattr(law, "advance") else Brittle.start
+        start = Softening.start if self.course.softening is not None else start
+        kind = bool if isinstance(start, bool) else self.course.dtype
+        return jnp.full(nbr.shape, start, kind), jnp.asarray(there)
+
+
+@partial(jax.jit, static_argnames=("measure",))
+def _march(motion, params, history, dt, factors, measure):
+    op, drive = motion.build(params)
+    state = motion.first(op, params, history)
+
+    @jax.checkpoint
+    def record(state: State, factors: Any) -> tuple[State, Any]:
+        state = verlet(op, drive, state, dt, factors)
+        seen = None
+        if measure is not None:
+            seen = measure(op.pick(state.u), op.pick(state.v))
+        return state, seen
+
+    state, seen = jax.lax.scan(record, state, factors)
+    return op.pick(state.u), op.pick(state.v), seen

@@ -1,0 +1,162 @@
+"""What a run in time leaves behind: `Run`, and whether it made sense."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxpd import io
+from jaxpd._types import PointVector
+from jaxpd.motion import Motion
+from jaxpd.solvers.explicit import State
+
+#: Energy from nowhere, over the work and the energy at the start, that stops a run.
+CREATED = 0.5
+
+
+class Diverged(RuntimeError):
+    """A run that was stopped; the message says when, where and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A scene that has moved.
+
+    Attributes:
+        motion: what moved.
+        dt: time step (s).
+        steps: taken so far.
+        u: displacements at the end [n, d] (m).
+        v: velocities at the end [n, d] (m/s).
+        t: times of the records [R] (s).
+        kinetic: energy of motion [R] (J).
+        elastic: stored energy [R] (J).
+        released: energy of broken bonds, c omega (r s_crit)^2 / 2 each [R] (J); NaN for
+            a law that does not say.
+        work: of loads and supports [R] (J).
+        momentum: linear momentum [R, d] (kg m/s).
+        spin: angular momentum about the origin [R, 0, 1 or 3] (kg m^2/s).
+        frames: "t" [F] (s), "u" [F, n, d] (m), "damage" [F, n] (-); damage counts the
+            pre-cracks.
+        damage0: damage by the pre-cracks alone [n] (-).
+        stopped: why the run was stopped early, or None.
+        seconds: wall time of "prepare", "compile" and "steps" of this process.
+        peak_memory: highest resident memory of the process so far (bytes).
+    """
+
+    motion: Motion
+    dt: float
+    steps: int
+    u: PointVector
+    v: PointVector
+    t: np.ndarray
+    kinetic: np.ndarray
+    elastic: np.ndarray
+    released: np.ndarray
+    work: np.ndarray
+    momentum: np.ndarray
+    spin: np.ndarray
+    frames: dict[str, np.ndarray]
+    damage0: np.ndarray
+    stopped: str | None
+    seconds: dict[str, float]
+    peak_memory: int
+    last_damage: np.ndarray
+
+    def __repr__(self) -> str:
+        """One line: size, time, balance, and why it stopped."""
+        end = f", stopped: {self.stopped}" if self.stopped else ""
+        return (
+            f"Run({len(self.X)} points, {self.steps} steps to {self.t[-1]:.4g} s, "
+            f"energy balance {self.balance[-1]:.1e}{end})"
+        )
+
+    @property
+    def X(self) -> PointVector:
+        """Reference positions [n, d] (m)."""
+        return self.motion.X
+
+    @property
+    def balance(self) -> np.ndarray:
+        """Kinetic + elastic + released - work - that at time 0, over the scale [R].
+
+        The scale is the largest work or energy so far.
+        """
+        return balance(
+            self.kinetic, self.elastic, np.nan_to_num(self.released), self.work
+        )
+
+    def damage(self, precracks: bool = False) -> np.ndarray:
+        """Damage index [n] (-), the lost share of the bonds (paper 002, eq. 11).
+
+        Args:
+            precracks: count bonds that were cut from the start.
+        """
+        if precracks:
+            return self.last_damage
+        # 1 - intact now / intact at the start
+        return 1.0 - (1.0 - self.last_damage) / np.maximum(1.0 - self.damage0, 1e-30)
+
+    def checked(self) -> Run:
+        """This run, if it reached its end.
+
+        Raises:
+            Diverged: with time, place and likely cause.
+        """
+        if self.stopped:
+            raise Diverged(self.stopped)
+        return self
+
+    def write_vtu(self, folder: str | Path) -> list[Path]:
+        """Write the frames as a series of VTU files with a .pvd that names them."""
+        fields = {k: x for k, x in self.frames.items() if k != "t"}
+        return io.write_series(folder, np.asarray(self.X), self.frames["t"], fields)
+
+
+def balance(kinetic: Any, elastic: Any, released: Any, work: Any) -> Any:
+    """Energy from nowhere over the largest energy or work so far [R] (-)."""
+    total = kinetic + elastic + released
+    scale = np.maximum.accumulate(np.maximum(np.abs(work), total))
+    return (total - total[0] - work) / np.where(scale > 0.0, scale, 1.0)
+
+
+def amiss(
+    log: dict[str, list[Any]],
+    op: Any,
+    state: State,
+    motion: Motion,
+    dt: float,
+    longest: float,
+) -> str | None:
+    """Why the run should stop, or None: time, place and likely cause."""
+    names = ("kinetic", "elastic", "released", "work")
+    energies = [np.asarray(log[name], float) for name in names]
+    energies[2] = np.nan_to_num(energies[2], posinf=np.inf)
+    with np.errstate(all="ignore"):
+        created = balance(*energies)[-1]
+    finite = all(np.isfinite(x[-1]) for x in energies)
+    if finite and not created > CREATED:
+        return None
+    u, v = (np.asarray(op.pick(x), float) for x in (state.u, state.v))
+    bad = ~np.isfinite(u).all(axis=1) | ~np.isfinite(v).all(axis=1)
+    worst = int(np.argmax(np.where(bad, np.inf, np.abs(v).max(axis=1))))
+    what = (
+        f"energy from nowhere, {created:.2g} of what there is"
+        if finite
+        else "numbers that are not finite"
+    )
+    why = (
+        f"dt = {dt:.4g} s is {dt / longest:.3g} of the stable step {longest:.4g} s"
+        if dt > longest
+        else "the time step is within the stable one at rest; likely bonds that grow "
+        "stiffer when strained, points driven through each other, or float32 too coarse"
+        " for the displacements: take a shorter dt, milder loads, or float64"
+    )
+    X = np.asarray(motion.X)[worst]
+    return (
+        f"{what} by t = {log['t'][-1]:.6g} s, worst at point {worst} at "
+        f"{tuple(map(float, X))}; {why}"
+    )
