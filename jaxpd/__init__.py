@@ -51,6 +51,7 @@ from jaxpd.motion import Motion
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
 from jaxpd.record import Diverged, Run
+from jaxpd.relaxed import Relaxed, solve_relaxed
 from jaxpd.run import Solution, keep_compiled, solve_static
 from jaxpd.scene import (
     Bonds,
@@ -75,6 +76,7 @@ __all__ = [
     "Motion",
     "NotConverged",
     "Problem",
+    "Relaxed",
     "Run",
     "Scene",
     "Solid",
@@ -116,6 +118,7 @@ __all__ = [
     "resample",
     "run_explicit",
     "segment",
+    "solve_relaxed",
     "solve_static",
     "solvers",
     "table",

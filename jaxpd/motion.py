@@ -138,21 +138,16 @@ class Motion:
             law, family = bonds.law, bonds.family
             nodal = jnp.ndim(law.c) == 1
             stiff = bonds.weight * law.omega(offset_lengths(family, bonds.dx))
-            delta = self.problem.params["delta"]
-            numbers: Any = cast(
-                (
-                    stiff if nodal else stiff * law.c,
-                    bonds.dx,
-                    s_crit,
-                    law.c if nodal else None,
-                    bonds.v,
-                    bonds.scale,
-                    offset_shares(family, delta, bonds.dx),
-                )
-            )
+            share = offset_shares(family, self.problem.params["delta"], bonds.dx)
             return HalfForce(
-                *numbers,
-                family,
+                stiff=cast(stiff if nodal else stiff * law.c),
+                dx=cast(bonds.dx),
+                s_crit=cast(s_crit),
+                c=cast(law.c if nodal else None),
+                v=cast(bonds.v),
+                scale=cast(bonds.scale),
+                share=cast(share),
+                family=family,
             )
         delta, family = bonds.delta, self.problem.family
         assert isinstance(family, Family)

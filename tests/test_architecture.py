@@ -14,8 +14,8 @@ PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
     "_types", "geometry", "physics", "discretize", "operators", "solvers", "schedule",
     "conditions", "scene", "gallery", "body", "problem", "prepare",
-    "motion", "launch", "run", "io", "record", "explicit", "crack_path", "plot",
-    "gradcheck", "observe", "inverse", "descent", "fitting", "uncertainty",
+    "motion", "launch", "run", "io", "record", "explicit", "relaxed", "crack_path",
+    "plot", "gradcheck", "observe", "inverse", "descent", "fitting", "uncertainty",
     "resample", "__init__", "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))

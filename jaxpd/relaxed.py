@@ -1,0 +1,112 @@
+"""Statics of a scene by adaptive dynamic relaxation: no tangent, no linear solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpd._types import PointVector
+from jaxpd.launch import prepare_motion
+from jaxpd.motion import Motion
+from jaxpd.scene import Scene
+from jaxpd.solvers.relaxation import SPARE, relax
+from jaxpd.solvers.status import NotConverged, Status
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """A body at rest.
+
+    Attributes:
+        motion: what was relaxed.
+        u: displacements [n, d] (m).
+        damage: damage index [n] (-), pre-cracks included.
+        steps: taken.
+        residuals: relative residuals, evenly spread over the steps.
+        status: whether it came to rest.
+    """
+
+    motion: Motion
+    u: PointVector
+    damage: np.ndarray
+    steps: int
+    residuals: np.ndarray
+    status: Status
+
+    def checked(self) -> Relaxed:
+        """This, if it came to rest.
+
+        Raises:
+            NotConverged: with status, residual history and cure.
+        """
+        if self.status is not Status.CONVERGED:
+            what = f"dynamic relaxation ({self.steps} steps)"
+            raise NotConverged(self.status, self.residuals, what)
+        return self
+
+
+def solve_relaxed(
+    scene: Scene | Motion,
+    *,
+    rtol: float = 1e-6,
+    max_steps: int = 20_000,
+    **options: Any,
+) -> Relaxed:
+    """Bring a scene to rest by adaptive dynamic relaxation.
+
+    Loads and prescribed displacements are those at the end of their histories; bonds
+    break on the way if their material has a fracture energy.
+
+    Args:
+        scene: what to relax, or what `prepare_motion` made of it.
+        rtol: relative tolerance of the residual.
+        max_steps: most steps.
+        **options: those of `prepare_motion`.
+
+    Raises:
+        ValueError: on arguments out of range, or a support that never stops.
+    """
+    if not (rtol > 0 and max_steps > 0):
+        raise ValueError(f"rtol, max_steps: {rtol}, {max_steps} must both be positive")
+    motion = scene if isinstance(scene, Motion) else prepare_motion(scene, **options)
+    course = motion.course
+    if any(table.rate != 0.0 for table in (*course.loads, *course.moves)):
+        raise ValueError("supports: one of them never stops; use moves(), not drives()")
+    end = [[t.factors[-1] for t in tables] for tables in (course.loads, course.moves)]
+    history = motion.start()
+    whole = motion.start(whole=True)
+    tolerance = (rtol, max_steps)
+    u, damage, steps, log = _relax(motion, history, whole, *map(tuple, end), *tolerance)
+    residuals = np.asarray(log)[np.isfinite(np.asarray(log))]
+    good = len(residuals) == 0 or residuals[-1] <= rtol
+    status = Status.CONVERGED if good else Status.MAX_ITERATIONS
+    if not np.isfinite(np.asarray(u)).all():
+        status = Status.NOT_FINITE
+    return Relaxed(motion, u, np.asarray(damage), int(steps), residuals, status)
+
+
+@jax.jit
+def _relax(motion, history, whole, loads, moves, rtol, max_steps):
+    params = motion.params
+    op, drive = motion.build(params)
+    dtype = jnp.dtype(motion.course.dtype)
+    load = sum((f * x for f, x in zip(loads, drive.loads, strict=True)), start=0.0)
+    load = jnp.broadcast_to(load, drive.loads.shape[1:]).astype(dtype)
+    u = op.lay(jnp.asarray(params["u0"], dtype))
+    if drive.fixed is not None:
+        to = sum(f * x for f, x in zip(moves, drive.moves, strict=True))
+        u = jnp.where(drive.fixed, to, u)
+    blocks = op.diagonal(history)
+    # u.K u <= 2 sum u_i.K_ii u_i, and the trace is above the largest eigenvalue
+    trace = jnp.trace(blocks, axis1=1, axis2=2)
+    mass = op.lay(0.5 * SPARE * trace).astype(dtype)
+    mass = jnp.where(mass > 0.0, mass, 1.0)
+    u, history, steps, log = relax(
+        op, mass, load, drive.fixed, u, history, rtol, max_steps
+    )
+    damage = 1.0 - op.pick(op.intact(history) / jnp.maximum(op.intact(whole), 1e-300))
+    return op.pick(u), damage, steps, log
