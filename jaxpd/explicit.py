@@ -38,7 +38,7 @@ def _chunk(op: Any, drive: Drive, state: State, dt: float, factors: Any) -> Stat
 def _record(op: Any, drive: Drive, state: State, history0: Any, x0: Any) -> Any:
     """Energies and momenta of a state, NaN if it is nowhere finite."""
     # empty places have mass 1 but never move
-    p = drive.mass * state.v
+    p = drive.mass[None] * state.v
     x = x0 + state.u
     pairs = [(a, b) for a in range(len(p)) for b in range(a + 1, len(p))]
     spin = [jnp.sum(x[a] * p[b] - x[b] * p[a]) for a, b in pairs]
@@ -53,13 +53,13 @@ def _record(op: Any, drive: Drive, state: State, history0: Any, x0: Any) -> Any:
 
 
 @jax.jit
-def _first(motion: Motion, history: Any, whole: Any) -> tuple[Any, ...]:
+def _first(motion: Motion) -> tuple[Any, ...]:
     """Operator, drive, state, volume of whole neighbourhoods, positions."""
     op, drive = motion.build(motion.params)
-    state = motion.first(op, motion.params, history)
+    state = motion.first(op, motion.params)
     dtype = jnp.dtype(motion.course.dtype)
     x0 = op.lay(jnp.asarray(motion.X, dtype))
-    volume = op.intact(whole)
+    volume = op.intact(motion.untouched)
     return op, drive, state, volume, x0
 
 
@@ -130,8 +130,8 @@ def run_explicit(
     dt = duration / (records * every)
     file = _keep(folder)
     mark = _mark(motion, dt, every, records, frames) if file else ""
-    history0, whole = motion.start(), motion.start(whole=True)
-    op, drive, state, volume, x0 = _first(motion, history0, whole)
+    history0 = motion.begin
+    op, drive, state, volume, x0 = _first(motion)
     ready = time.perf_counter()
     chunk = _chunk.lower(op, drive, state, dt, motion.course.factors(dt, 0, every))
     compiled = chunk.compile()

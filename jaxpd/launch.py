@@ -10,8 +10,10 @@ import numpy as np
 from jaxpd.body import cloud_of, loads_on, starts_on, supports_on
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.motion import Course, Motion
+from jaxpd.operators.halves import start_bits
+from jaxpd.operators.row import row_of
 from jaxpd.operators.slots import curve
-from jaxpd.physics.damage import Brittle
+from jaxpd.physics.damage import Brittle, Softening
 from jaxpd.prepare import correction_of, model_of
 from jaxpd.problem import Problem, Spec
 from jaxpd.scene import Elastic, Kernel, Scene
@@ -111,7 +113,9 @@ def prepare_motion(
     order = curve(X) if kind == "slots" else None
     course = Course(kind, breaks, softening, loads, moves, dtype)
     cut = _cut(scene, cloud, family, delta)
-    return Motion(problem, params, fixed, cut, vol, no_fail, order, course)
+    law = params.get("law", Softening if softening is not None else Brittle)
+    memories = [_memory(family, x, order, kind, law.start, dtype) for x in (cut, None)]
+    return Motion(problem, params, fixed, *memories, vol, no_fail, order, course)
 
 
 def _kind(asked: str, cloud: Cloud, elastic: bool, softening: float | None) -> str:
@@ -148,6 +152,22 @@ def _cut(scene: Scene, cloud: Cloud, family: Any, delta: float) -> Any:
     return cut
 
 
+def _memory(
+    family: Any, cut: Any, order: Any, kind: str, start: Any, dtype: str
+) -> Any:
+    """The memory of the bonds at time 0, as the operator of that kind keeps it."""
+    if kind == "halves":
+        return jax.device_put(start_bits(row_of(family.shape, family.offsets), cut))
+    nbr = np.asarray(family.nbr)
+    there = nbr != np.arange(nbr.shape[1])
+    if cut is not None:
+        there &= ~cut
+    if kind == "slots":
+        return jax.device_put(there[:, order])
+    real = bool if isinstance(start, bool) else dtype
+    return jax.device_put((np.full(nbr.shape, start, real), there))
+
+
 def longest_dt(motion: Motion) -> float:
     """A time step (s) that is stable, surface corrections included; host.
 
@@ -155,5 +175,5 @@ def longest_dt(motion: Motion) -> float:
     grow with their stretch, as those of `Elastic`.
     """
     op, drive = jax.jit(Motion.build)(motion, motion.params)
-    diagonal = jax.jit(lambda op, history: op.diagonal(history))(op, motion.start())
+    diagonal = jax.jit(lambda op, history: op.diagonal(history))(op, motion.begin)
     return stable_dt(np.asarray(diagonal), np.asarray(op.pick(drive.mass)))

@@ -25,11 +25,10 @@ import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
 from jaxpd.geometry.family import Family, partial_volumes
-from jaxpd.geometry.grid_family import GridFamily, offset_lengths, offset_shares
+from jaxpd.geometry.grid_family import offset_lengths, offset_shares
 from jaxpd.operators import BondForce, StencilForce
-from jaxpd.operators.halves import HalfForce, start_bits
+from jaxpd.operators.halves import HalfForce
 from jaxpd.operators.memory import MemoryForce
-from jaxpd.operators.row import row_of
 from jaxpd.operators.slots import SlotForce
 from jaxpd.physics.damage import Brittle, Softening, critical_stretch
 from jaxpd.problem import Params, Problem
@@ -85,7 +84,8 @@ class Motion:
             [q, n, d] (N) and prescribed [p, n, d] (m, or m/s of a velocity), one a
             history in time.
         fixed: mask of prescribed displacement components [n, d].
-        cut: bonds that cracks cut, as the operator's `start` takes them.
+        begin: the operator's memory at time 0, cut by the cracks.
+        untouched: the same without cracks.
         vol: volumes [n] (m^d).
         no_fail: mask of points whose bonds never break [n], or None.
         order: numbers of the points along a curve [n], for "slots".
@@ -95,7 +95,8 @@ class Motion:
     problem: Problem
     params: Params
     fixed: Any
-    cut: Any
+    begin: Any
+    untouched: Any
     vol: PointScalar
     no_fail: Any
     order: Any
@@ -220,8 +221,8 @@ class Motion:
             jnp.stack(moves) if moves else None,
         )
 
-    def first(self, op: Any, params: Params, history: Any) -> State:
-        """The state at time 0; `history` is `op.start(motion.cut)`."""
+    def first(self, op: Any, params: Params) -> State:
+        """The state at time 0."""
         dtype, course = jnp.dtype(self.course.dtype), self.course
         u, v = (jnp.asarray(params[name], dtype) for name in ("u0", "v0"))
         if course.moves:
@@ -233,7 +234,7 @@ class Motion:
             u, v = (
                 jnp.where(self.fixed, x, y) for x, y in zip(held, (u, v), strict=True)
             )
-        return begin(op, op.lay(u), op.lay(v), history)
+        return begin(op, op.lay(u), op.lay(v), self.begin)
 
     def march(
         self,
@@ -251,7 +252,8 @@ class Motion:
 
         Args:
             params: of the motion; its own by default.
-            dt: time step (s), a number; not checked here, see `longest_dt`.
+            dt: time step (s), a number, not a traced one; not checked here, see
+                `jaxpd.launch.longest_dt`.
             every: steps between records.
             records: how many; records * every steps in all.
             measure: called as measure(u, v) with displacements and velocities [n, d] at
@@ -267,35 +269,13 @@ class Motion:
             )
         factors = self.course.factors(float(dt), 0, every * records)
         factors = jax.tree.map(lambda x: x.reshape(records, every, -1), factors)
-        history = self.start()
-        return _march(self, params, history, float(dt), factors, measure)
-
-    def start(self, whole: bool = False) -> Any:
-        """The memory of the bonds at time 0. Host only.
-
-        Args:
-            whole: leave the cracks out.
-        """
-        family, cut = self.problem.family, None if whole else self.cut
-        if isinstance(family, GridFamily):
-            return jnp.asarray(start_bits(row_of(family.shape, family.offsets), cut))
-        nbr = np.asarray(family.nbr)
-        there = nbr != np.arange(nbr.shape[1])
-        if cut is not None:
-            there &= ~np.asarray(cut)
-        if self.course.kind == "slots":
-            return jnp.asarray(there[:, np.asarray(self.order)])
-        law: Any = self.params.get("law")
-        start = law.start if hasattr(law, "advance") else Brittle.start
-        start = Softening.start if self.course.softening is not None else start
-        kind = bool if isinstance(start, bool) else self.course.dtype
-        return jnp.full(nbr.shape, start, kind), jnp.asarray(there)
+        return _march(self, params, float(dt), factors, measure)
 
 
 @partial(jax.jit, static_argnames=("measure",))
-def _march(motion, params, history, dt, factors, measure):
+def _march(motion, params, dt, factors, measure):
     op, drive = motion.build(params)
-    state = motion.first(op, params, history)
+    state = motion.first(op, params)
 
     @jax.checkpoint
     def record(state: State, factors: Any) -> tuple[State, Any]:

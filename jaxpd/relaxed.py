@@ -77,10 +77,8 @@ def solve_relaxed(
     if any(table.rate != 0.0 for table in (*course.loads, *course.moves)):
         raise ValueError("supports: one of them never stops; use moves(), not drives()")
     end = [[t.factors[-1] for t in tables] for tables in (course.loads, course.moves)]
-    history = motion.start()
-    whole = motion.start(whole=True)
     tolerance = (rtol, max_steps)
-    u, damage, steps, log = _relax(motion, history, whole, *map(tuple, end), *tolerance)
+    u, damage, steps, log = _relax(motion, *map(tuple, end), *tolerance)
     residuals = np.asarray(log)[np.isfinite(np.asarray(log))]
     good = len(residuals) == 0 or residuals[-1] <= rtol
     status = Status.CONVERGED if good else Status.MAX_ITERATIONS
@@ -90,8 +88,8 @@ def solve_relaxed(
 
 
 @jax.jit
-def _relax(motion, history, whole, loads, moves, rtol, max_steps):
-    params = motion.params
+def _relax(motion, loads, moves, rtol, max_steps):
+    params, history = motion.params, motion.begin
     op, drive = motion.build(params)
     dtype = jnp.dtype(motion.course.dtype)
     load = sum((f * x for f, x in zip(loads, drive.loads, strict=True)), start=0.0)
@@ -108,5 +106,7 @@ def _relax(motion, history, whole, loads, moves, rtol, max_steps):
     u, history, steps, log = relax(
         op, mass, load, drive.fixed, u, history, rtol, max_steps
     )
-    damage = 1.0 - op.pick(op.intact(history) / jnp.maximum(op.intact(whole), 1e-300))
+    damage = 1.0 - op.pick(
+        op.intact(history) / jnp.maximum(op.intact(motion.untouched), 1e-300)
+    )
     return op.pick(u), damage, steps, log

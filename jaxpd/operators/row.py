@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-#: Rows are multiples of this long.
-QUANTUM = 512
+#: Rows are multiples of this long, those below `SHORT` places of 64.
+QUANTUM, SHORT = 512, 4096
 
 
 @dataclass(frozen=True)
@@ -109,4 +109,5 @@ def row_of(shape: tuple[int, ...], offsets: tuple[tuple[int, ...], ...]) -> Row:
 
 
 def _whole(length: int) -> int:
-    return -(-max(length, 1) // QUANTUM) * QUANTUM
+    quantum = QUANTUM if length >= SHORT else 64
+    return -(-max(length, 1) // quantum) * quantum

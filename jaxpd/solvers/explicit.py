@@ -87,21 +87,22 @@ def verlet(op: Any, drive: Drive, state: State, dt: Any, factors: Any) -> State:
     """
     dt = jnp.asarray(dt, state.u.dtype)
     cast = jax.tree.map(lambda x: jnp.asarray(x, state.u.dtype), factors)
+    mass = drive.mass[None]
 
     def step(state: State, factor: Any) -> tuple[State, None]:
         before, after = drive.load(factor[0]), drive.load(factor[1])
-        v = state.v + (0.5 * dt) * ((state.force + before) / drive.mass)
+        v = state.v + (0.5 * dt) * ((state.force + before) / mass)
         du: Any = dt * v
         if drive.fixed is not None:
             du = jnp.where(drive.fixed, _weighted(factor[2], drive.moves), du)
         u = state.u + du
         force, history = op.commit(u, state.history)
-        v = v + (0.5 * dt) * ((force + after) / drive.mass)
+        v = v + (0.5 * dt) * ((force + after) / mass)
         pull = 0.5 * (before + after)
         if drive.fixed is None:
             return State(u, v, force, history, state.work + jnp.sum(pull * du)), None
         v = jnp.where(drive.fixed, du / dt, v)
-        gain = 0.5 * drive.mass * (v * v - state.v * state.v)
+        gain = 0.5 * mass * (v * v - state.v * state.v)
         held = gain - 0.5 * (state.force + force) * du
         work = jnp.sum(jnp.where(drive.fixed, held, pull * du))
         return State(u, v, force, history, state.work + work), None
@@ -143,7 +144,7 @@ def largest_dt(op: Any, drive: Drive, history: Any, rtol: float = 1e-6) -> float
 
     @jax.jit
     def scaled(op, drive, free, history, x):
-        root = free / jnp.sqrt(drive.mass)
+        root = free / jnp.sqrt(drive.mass)[None]
         rest, along = jnp.zeros_like(x), root * x
         slope = jax.jvp(lambda u: op.commit(u, history)[0], (rest,), (along,))[1]
         return -root * slope

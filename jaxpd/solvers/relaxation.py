@@ -49,6 +49,7 @@ def relax(
         u, history, steps, and up to `KEPT` relative residuals, evenly spread over
         `max_steps`, NaN where none was taken.
     """
+    mass = mass[None]
     free = 1.0 if fixed is None else jnp.where(fixed, 0.0, 1.0).astype(u.dtype)
     stride = jnp.maximum(1, max_steps // KEPT)
 

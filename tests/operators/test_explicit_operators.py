@@ -50,7 +50,7 @@ def responses(motions):
     u = jnp.asarray(rng.normal(scale=1e-7, size=motions["halves"].X.shape))
     for kind, motion in motions.items():
         params = motion.params | {"E": E}
-        found[kind] = commit(motion, params, u, motion.start(), u)
+        found[kind] = commit(motion, params, u, motion.begin, u)
     return found
 
 
@@ -80,7 +80,7 @@ def test_momentum_is_conserved_while_bonds_break(responses, motions):
         assert np.abs(force.sum(axis=0)).max() <= 1e-15 * scale
         spin = np.sum(X[:, 0] * force[:, 1] - X[:, 1] * force[:, 0])
         assert abs(spin) <= 1e-3 * scale * np.abs(X).max()  # u turns it: 1e-7 of 1e-3
-        before = motions[kind].start()
+        before = motions[kind].begin
         count = [np.asarray(jax.tree.leaves(h)[0]) for h in (before, after)]
         if kind == "memory":
             count = [x & np.asarray(before[1]) for x in count]
@@ -92,7 +92,7 @@ def test_bonds_never_heal_and_zones_without_failure_hold(motions):
     motion = motions["halves"]
     params, far = motion.params, jnp.asarray(np.asarray(motion.X) * 0.5)
     zero = jnp.zeros_like(far)
-    _, bits, _, _, _ = commit(motion, params, far, motion.start(), far)
+    _, bits, _, _, _ = commit(motion, params, far, motion.begin, far)
     force, again, (_, volume), _, _ = commit(motion, params, zero, bits, far)
     np.testing.assert_array_equal(again, bits)
     kept = np.asarray(volume) > 0
@@ -118,7 +118,7 @@ def test_the_hand_derived_rule_is_plain_ad_of_the_sweep(motions, kind):
 
         return [jax.grad(power, (0, 1, 2))(u, E, alpha, rule) for rule in (True, False)]
 
-    ruled, plain = both(motion, u, E, jnp.asarray(-0.5), ct, motion.start())
+    ruled, plain = both(motion, u, E, jnp.asarray(-0.5), ct, motion.begin)
     for a, b in zip(ruled, plain, strict=True):
         size = np.abs(np.asarray(b)).max()
         assert size > 0
@@ -129,8 +129,8 @@ def test_float32_keeps_small_strains(motions):
     narrow = jaxpd.prepare_motion(scene(), dtype="float32")
     u = jnp.asarray(np.asarray(narrow.X) @ np.array([[1e-6, 0], [0, -1e-6]]))
     wide = motions["halves"]
-    exact = commit(wide, wide.params, u, wide.start(), u)[2][0]
-    ours = commit(narrow, narrow.params, u, narrow.start(), u)[2][0]
+    exact = commit(wide, wide.params, u, wide.begin, u)[2][0]
+    ours = commit(narrow, narrow.params, u, narrow.begin, u)[2][0]
     assert ours.dtype == jnp.float32
     # positions of 5e-3 carry displacements of 5e-9: differences keep 6 digits
     np.testing.assert_allclose(ours, exact, rtol=2e-6)
@@ -162,7 +162,7 @@ def test_a_law_may_break_a_bond_from_one_side():
     motion = jaxpd.prepare_motion(one)
     assert motion.course.kind == "memory"
     u = jnp.asarray(1e-3 * np.asarray(motion.X)[:, ::-1] ** 2)
-    force, after, *_ = commit(motion, motion.params, u, motion.start(), u)
+    force, after, *_ = commit(motion, motion.params, u, motion.begin, u)
     flags, there = map(np.asarray, after)
     nbr = np.asarray(motion.problem.family.nbr)
     up = np.asarray(motion.X)[nbr][..., 1] - np.asarray(motion.X)[None, :, 1] > 1e-12
@@ -174,10 +174,10 @@ def test_a_law_may_break_a_bond_from_one_side():
 def test_build_and_motion_compile_once_for_new_parameters(motions):
     motion = motions["halves"]
     rest = jnp.zeros(motion.X.shape)
-    commit(motion, motion.params, rest, motion.start(), rest)
+    commit(motion, motion.params, rest, motion.begin, rest)
     before = commit._cache_size()
     params = motion.params | {"G0": np.asarray(5.0), "rho": np.asarray(1000.0)}
-    commit(motion, params, rest, motion.start(), rest)
+    commit(motion, params, rest, motion.begin, rest)
     assert commit._cache_size() == before
     with pytest.raises(ValueError, match=r"params: \['nonsense'\]"):
         Motion.build(motion, params | {"nonsense": 1.0})

@@ -1,0 +1,122 @@
+"""Derivatives of runs in time, and where the two conventions for breaking are wrong."""
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpd
+from jaxpd.gradcheck import taylor
+from jaxpd.launch import longest_dt
+
+RECORDS, EVERY = 25, 40  # 1000 steps
+
+
+def plate(**more):
+    """A plate that is pulled at one end and flies at the other."""
+    material = jaxpd.Elastic(1.0, nu=1 / 3, state="plane stress", rho=1.0, **more)
+    return jaxpd.Scene(
+        body=jaxpd.box((0.0, 0.0), (1.0, 0.5)),
+        material=material,
+        supports=[jaxpd.drives(jaxpd.below(x=0.15), x=-2e-3)],
+        starts=[jaxpd.initially(jaxpd.above(x=0.7), vx=3e-3)],
+        resolution=jaxpd.Bonds(
+            dx=0.1, m=2, kernel=jaxpd.fractional(-0.5), nodes="cell"
+        ),
+    )
+
+
+def end(params, motion, *, dt, records=RECORDS):
+    """A scalar of the state at the end and of what was passed on the way."""
+    u, v, seen = motion.march(
+        params, dt=dt, every=EVERY, records=records, measure=squares
+    )
+    x = jnp.arange(u.size, dtype=u.dtype).reshape(u.shape) / u.size
+    return 1e3 * jnp.sum(jnp.sin(x * 7) * (u + v)) + 1e4 * jnp.sum(seen)
+
+
+def squares(u, v):
+    return jnp.sum(u[::5] ** 2)
+
+
+def directions(motion, names, rng):
+    found = {}
+    for name in names:
+        at = {k: jnp.zeros_like(x) for k, x in motion.params.items()}
+        p = np.asarray(motion.params[name])
+        size = np.abs(p).max() or 1e-3
+        at[name] = jnp.asarray(size * rng.normal(size=p.shape))
+        found[name] = at
+    return found
+
+
+def check(motion, names, rng, **options):
+    at = jax.tree.map(jnp.asarray, motion.params)
+    dt = 0.5 * longest_dt(motion)
+    function, along = partial(end, dt=dt), directions(motion, names, rng)
+    found = taylor(function, at, along, motion, **options)
+    for name, test in found.items():
+        assert test.slope == pytest.approx(2.0, abs=0.05), f"{name}\n{test!s}"
+        assert test.derivative != 0.0
+
+
+def test_taylor_slopes_are_2_through_a_thousand_steps(rng):
+    motion = jaxpd.prepare_motion(plate())
+    E = rng.uniform(0.8, 1.2, len(motion.X))
+    motion = dataclasses.replace(motion, params=motion.params | {"E": E})
+    steps = 0.02 * 0.5 ** np.arange(6)
+    check(motion, ("E", "alpha", "u0", "v0", "prescribed", "rho"), rng, steps=steps)
+
+
+@pytest.mark.slow
+def test_taylor_slopes_of_a_cloud_are_2(rng):
+    motion = jaxpd.prepare_motion(plate(), operator="slots")
+    E = rng.uniform(0.8, 1.2, len(motion.X))
+    motion = dataclasses.replace(motion, params=motion.params | {"E": E})
+    check(motion, ("E", "alpha", "v0"), rng, steps=0.02 * 0.5 ** np.arange(6))
+
+
+def test_frozen_damage_and_smoothed_law_each_have_their_error(rng):
+    G0 = 1.5e-6
+    steps = 1e-2 * 0.5 ** np.arange(7)
+    soft = jaxpd.prepare_motion(plate(G0=G0), softening=0.5)
+    hard = jaxpd.prepare_motion(plate(G0=G0))
+    dt, records = 0.5 * longest_dt(hard), 10
+    at = jax.tree.map(jnp.asarray, hard.params)
+    up = {"G0": {k: jnp.zeros_like(x) for k, x in at.items()} | {"G0": at["G0"]}}
+
+    soft_end = partial(end, dt=dt, records=records)
+
+    smooth = taylor(soft_end, at, up, soft, steps=steps)["G0"]
+    assert smooth.slope == pytest.approx(2.0, abs=0.05), str(smooth)
+    assert smooth.derivative != 0.0
+    # frozen: the derivative in G0 is 0, whatever the difference says
+    frozen = taylor(soft_end, at, up, hard, steps=np.array([0.4, 0.2]))["G0"]
+    assert frozen.derivative == 0.0
+    value, without = (float(soft_end(at, m)) for m in (hard, soft))
+    assert frozen.remainders.max() > 0.01 * abs(value)
+    # smoothed: its derivative is right, of a run that is not that of brittle bonds
+    assert abs(without - value) > 0.001 * abs(value)
+    run = jaxpd.run_explicit(hard, 400 * dt, dt=dt, records=1)
+    assert (run.damage() > 0).any()
+
+
+def test_a_derivative_needs_the_memory_of_the_square_root_of_the_steps():
+    motion = jaxpd.prepare_motion(plate())
+    at = jax.tree.map(jnp.asarray, motion.params)
+
+    def peak(steps, every):
+        def loss(params, motion):
+            u, _, _ = motion.march(params, dt=1e-2, every=every, records=steps // every)
+            return jnp.sum(u**2)
+
+        compiled = jax.jit(jax.grad(loss)).lower(at, motion).compile()
+        return compiled.memory_analysis().temp_size_in_bytes
+
+    root, plain = peak(1600, 40), peak(1600, 1600)
+    state = motion.X.nbytes
+    assert root < 0.25 * plain
+    assert plain > 1600 * state
