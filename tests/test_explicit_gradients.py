@@ -79,29 +79,42 @@ def test_taylor_slopes_of_a_cloud_are_2(rng):
     check(motion, ("E", "alpha", "v0"), rng, steps=0.02 * 0.5 ** np.arange(6))
 
 
-def test_frozen_damage_and_smoothed_law_each_have_their_error(rng):
-    G0 = 1.5e-6
-    steps = 1e-2 * 0.5 ** np.arange(7)
-    soft = jaxpd.prepare_motion(plate(G0=G0), softening=0.5)
-    hard = jaxpd.prepare_motion(plate(G0=G0))
-    dt, records = 0.5 * longest_dt(hard), 10
-    at = jax.tree.map(jnp.asarray, hard.params)
-    up = {"G0": {k: jnp.zeros_like(x) for k, x in at.items()} | {"G0": at["G0"]}}
+def along_G0(motion):
+    at = jax.tree.map(jnp.asarray, motion.params)
+    return at, {"G0": {k: jnp.zeros_like(x) for k, x in at.items()} | {"G0": at["G0"]}}
 
-    soft_end = partial(end, dt=dt, records=records)
 
-    smooth = taylor(soft_end, at, up, soft, steps=steps)["G0"]
-    assert smooth.slope == pytest.approx(2.0, abs=0.05), str(smooth)
-    assert smooth.derivative != 0.0
-    # frozen: the derivative in G0 is 0, whatever the difference says
-    frozen = taylor(soft_end, at, up, hard, steps=np.array([0.4, 0.2]))["G0"]
+def test_the_smoothed_law_has_a_derivative_in_the_fracture_energy():
+    soft = jaxpd.prepare_motion(plate(G0=8e-6), softening=0.5)
+    dt = 0.5 * longest_dt(soft)
+    at, up = along_G0(soft)
+    # the largest stretch of a bond moves from step to step: kinks, far apart
+    steps = 2e-4 * 0.5 ** np.arange(5)
+    found = taylor(partial(end, dt=dt), at, up, soft, steps=steps)["G0"]
+    assert found.slope == pytest.approx(2.0, abs=0.05), str(found)
+    assert found.derivative != 0.0
+    run = jaxpd.run_explicit(soft, 1000 * dt, dt=dt, records=1)
+    assert (run.damage() > 0.01).sum() > 5
+
+
+@pytest.mark.slow
+def test_frozen_damage_and_the_smoothed_law_are_each_wrong_somewhere():
+    hard = jaxpd.prepare_motion(plate(G0=4e-6))
+    soft = jaxpd.prepare_motion(plate(G0=4e-6), softening=0.5)
+    at, up = along_G0(hard)
+    function = partial(end, dt=0.5 * longest_dt(hard))
+    # frozen: the derivative in G0 is 0, while a change of 20 % breaks other bonds
+    frozen = taylor(function, at, up, hard, steps=np.array([0.4, 0.2]))["G0"]
     assert frozen.derivative == 0.0
-    value, without = (float(soft_end(at, m)) for m in (hard, soft))
-    assert frozen.remainders.max() > 0.01 * abs(value)
-    # smoothed: its derivative is right, of a run that is not that of brittle bonds
-    assert abs(without - value) > 0.001 * abs(value)
-    run = jaxpd.run_explicit(hard, 400 * dt, dt=dt, records=1)
-    assert (run.damage() > 0).any()
+    value, smooth = (float(function(at, motion)) for motion in (hard, soft))
+    assert frozen.remainders.min() > 1e-3 * abs(value)  # measured 1e-2
+    # smoothed: the derivative is right, but of a run that is not the brittle one
+    assert abs(smooth - value) > 1e-2 * abs(value)  # measured 3e-2
+    # and where many bonds fail it is right in a small neighbourhood alone
+    far, near = (1e-3 * 0.5 ** np.arange(2), 1.6e-5 * 0.5 ** np.arange(2))
+    slopes = [taylor(function, at, up, soft, steps=h)["G0"].slope for h in (far, near)]
+    assert abs(slopes[0] - 2.0) > 0.2
+    assert slopes[1] == pytest.approx(2.0, abs=0.05)
 
 
 def test_a_derivative_needs_the_memory_of_the_square_root_of_the_steps():
