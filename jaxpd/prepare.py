@@ -13,7 +13,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpd.body import check_held, cloud_of, loads_on, supports_on
+from jaxpd.body import (
+    check_correction,
+    check_held,
+    cloud_of,
+    free_faces,
+    loads_on,
+    supports_on,
+)
+from jaxpd.discretize import beyond_faces
+from jaxpd.discretize.directional import DIRECTIONAL
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.geometry.grid_family import offset_sums
 from jaxpd.operators.lattice import index_pairs
@@ -99,11 +108,8 @@ def prepare(
     correction = resolution.correction
     if correction is None:
         correction = "lattice" if cloud.lattice is not None else "analytic"
-    if correction not in ("none", "lattice", "analytic"):
-        raise ValueError(
-            f"correction: {correction!r} must be 'none', 'lattice' or 'analytic'"
-        )
     material = scene.material
+    check_correction(correction, scene, cloud, operator)
     if isinstance(material, Elastic):
         if elastic.DIMENSIONS[material.state] != scene.d:
             raise ValueError(
@@ -123,6 +129,10 @@ def prepare(
         model = ("law", None, "")
     kernel = resolution.kernel
     symmetric = _is_symmetric(params.get("law"), scene.d)
+    if correction == "fictitious":
+        operator = "gather"
+    elif correction in DIRECTIONAL and operator == "auto" and cloud.regular:
+        operator = "stencil"
     operator = _operator(operator, scene, cloud, params.get("law"), symmetric)
     how: dict[str, Any] = {"partial": resolution.partial, "cracks": scene.cracks}
     if operator == "gather":
@@ -133,6 +143,9 @@ def prepare(
         family = find_on_grid(cloud, delta, **how)
         params["dx"] = np.asarray(cloud.lattice.dx, X.dtype)
     check_held(X, family, fixed)
+    extension = None
+    if correction == "fictitious":
+        family, extension = beyond_faces(cloud, delta, free=free_faces(scene), **how)
     separation = {}
     if isinstance(family, GridFamily):
         separation = separate(family, params, correction)
@@ -152,7 +165,7 @@ def prepare(
         operator=operator,
         **separation,
     )
-    problem = Problem(params, family, fixed, X, LinearSolver(), spec)
+    problem = Problem(params, family, fixed, X, LinearSolver(), spec, extension)
     _check_stiff(problem)
     if solver == "auto":
         solver = _solver(problem)
@@ -186,7 +199,8 @@ def _operator(asked: str, scene: Scene, cloud: Cloud, law: Any, symmetric: bool)
 
 def _solver(problem: Problem) -> str:
     """The linear solver that is ready first."""
-    if not isinstance(problem.family, GridFamily):
+    each = problem.spec.correction in DIRECTIONAL
+    if each or not isinstance(problem.family, GridFamily):
         return "d-pcg" if problem.spec.symmetric else "direct"
     finite = problem.spec.kinematics == "finite"
     later = max(0, len(problem.spec.pivots) - 1)
@@ -244,7 +258,8 @@ def _first_diagonal(problem: Problem) -> jax.Array:
 
 def _check_stiff(problem: Problem) -> None:
     """Refuse a kernel or law without positive stiffness in the undeformed body."""
-    if isinstance(problem.family, GridFamily):
+    each = problem.spec.correction in DIRECTIONAL
+    if isinstance(problem.family, GridFamily) and not each:
         rest = problem.rest()
         own = [q for q, (a, b) in enumerate(index_pairs(rest.d)) if a == b]
         trace = offset_sums(rest.family, rest.parts[:, own].sum(axis=1)).ravel()

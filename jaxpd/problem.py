@@ -21,7 +21,9 @@ import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
 from jaxpd.body import check_held
-from jaxpd.discretize.surface import over_bulk, relative_volumes
+from jaxpd.discretize import Extension, bond_factors
+from jaxpd.discretize.directional import DIRECTIONAL
+from jaxpd.discretize.surface import VOLUMES, over_bulk, relative_volumes
 from jaxpd.geometry import Family
 from jaxpd.geometry.grid_family import GridFamily, offset_shares, without
 from jaxpd.operators import (
@@ -29,6 +31,7 @@ from jaxpd.operators import (
     Constraints,
     FFTTangent,
     LatticeTangent,
+    Pulled,
     StencilForce,
     bond_weights,
     convolution,
@@ -84,6 +87,7 @@ class Problem:
         X: reference positions [n, d] (m), for looking up; those of `params` count.
         linear: the linear solver with its hierarchy.
         spec: how it is modelled and solved.
+        extension: of the correction "fictitious"; `family` is then that of all points.
     """
 
     params: Params
@@ -92,6 +96,7 @@ class Problem:
     X: Any
     linear: LinearSolver
     spec: Spec = field(metadata={"static": True})
+    extension: Extension | None = None
 
     def law(self, params: Params, d: int) -> Any:
         """The bond law of the given parameters."""
@@ -108,7 +113,7 @@ class Problem:
 
     def build(
         self, params: Params
-    ) -> tuple[BondForce | StencilForce, Constraints, PointVector]:
+    ) -> tuple[BondForce | StencilForce | Pulled, Constraints, PointVector]:
         """Operator, constraints and external load (N) of the given parameters."""
         if set(params) != set(self.params):
             unknown = sorted(set(params) - set(self.params))
@@ -123,41 +128,55 @@ class Problem:
             Constraints(self.fixed, params["prescribed"]),
             params["load"],
         )
-        law = self.law(params, self.X.shape[1])
+        law, factors = self.law(params, self.X.shape[1]), None
+        if spec.correction in DIRECTIONAL:
+            one = self.law(params | {"E": 1.0}, self.X.shape[1])
+            args = (one, spec.nu, spec.state, spec.correction)
+            factors = bond_factors(self.family, params, *args)
+        volumes = spec.correction if spec.correction in VOLUMES else "none"
         if isinstance(self.family, GridFamily):
             family, dx, v = self.family, params["dx"], None
             weight = offset_shares(family, delta, dx) * dx ** (2 * self.X.shape[1])
-            if spec.correction != "none":
+            if volumes != "none":
                 # relative to the bulk, so that v is 1 there whatever the convention
                 v = relative_volumes(family, delta, dx, "lattice")
-                weight = weight * over_bulk(family, delta, dx, spec.correction)
+                weight = weight * over_bulk(family, delta, dx, volumes)
             force = StencilForce(
-                family, dx, weight, v, None, law, spec.tangent, spec.symmetric
+                family, dx, weight, v, factors, law, spec.tangent, spec.symmetric
             )
             return force, constraints, load
-        X = params["X"]
-        weight = bond_weights(X, params["vol"], self.family, delta, spec.correction)
-        nbr = self.family.nbr
+        X, vol, P, nbr = params["X"], params["vol"], self.extension, self.family.nbr
+        if P is not None:
+            X, vol = P(X), P(vol)
+        weight = bond_weights(X, vol, self.family, delta, volumes)
+        if factors is not None:
+            weight = weight * factors
+        if P is not None:  # the energy is that of the body's own points
+            outside = (nbr >= len(self.X)) | (jnp.arange(len(X)) >= len(self.X))
+            weight = jnp.where(outside, 0.5 * weight, weight)
         force = BondForce(X, nbr, weight, law, delta, spec.tangent, spec.symmetric)
-        return force, constraints, load
+        whole = force if P is None else Pulled(force, P, credited=True)
+        return whole, constraints, load
 
     def force(self, params: Params) -> tuple[Any, Constraints, PointVector]:
         """`build`, with the operator that is solved: linear where strains are small."""
         operator, constraints, load = self.build(params)
         if self.spec.kinematics == "finite":
             return operator, constraints, load
-        if isinstance(operator, BondForce):
+        if not isinstance(operator, StencilForce):
             return BondsAtRest(operator), constraints, load
         return LinearForce(self._at_rest(operator)), constraints, load
 
     def stiffness(self, params: Params | None = None) -> Any:
         """Stiffness of the undeformed body, a `Tangent`."""
         operator, _, load = self.build(self.params if params is None else params)
-        if isinstance(operator, BondForce):
+        if not isinstance(operator, StencilForce):
             return operator.tangent(jnp.zeros_like(load))
         return self._at_rest(operator)
 
-    def _at_rest(self, operator: StencilForce) -> FFTTangent | LatticeTangent:
+    def _at_rest(self, operator: StencilForce) -> Any:
+        if operator.scale is not None:  # every bond is another: blocks a bond
+            return operator.tangent(jnp.zeros(self.X.shape, operator.scale.dtype))
         rest = operator.rest()
         self._check_separation()
         if self.spec.operator == "stencil" and self.spec.kinematics == "small":
@@ -237,6 +256,12 @@ class Problem:
                 "solver: 'spectral' and 'multigrid' are for lattices with the operator "
                 f"'stencil' or 'fft', not {self.spec.operator!r}; use 'amg'"
             )
+        if self.spec.correction in DIRECTIONAL:
+            raise ValueError(
+                "solver: 'spectral' and 'multigrid' need bonds that are alike, and the "
+                f"correction {self.spec.correction!r} makes each its own; use 'd-pcg', "
+                "'amg' or 'direct', or correction='lattice'"
+            )
         operator, _, _ = self.build(jax.tree.map(np.asarray, self.params))
         assert isinstance(operator, StencilForce)
         return jax.tree.map(np.asarray, operator.rest())
@@ -267,7 +292,7 @@ def _energy(problem: Problem, u: PointVector, params: Params) -> PointScalar:
 def separate(family: GridFamily, params: Params, correction: str) -> dict[str, Any]:
     """How the volume correction of a lattice is separated: fields of a `Spec`."""
     cuts = {"cuts": int(family.cut.shape[1])}
-    if correction == "none":
+    if correction not in VOLUMES[1:]:
         return cuts
     v = relative_volumes(family, params["delta"], params["dx"], "lattice")
     boxes = rim_boxes(family)
