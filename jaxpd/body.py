@@ -153,11 +153,12 @@ def check_correction(
             )
         kernel = scene.resolution.kernel
         steep = isinstance(kernel, Kernel) and kernel.name == "fractional"
-        if correction == "force density" and steep and kernel.parameter >= 1:
+        alpha = float(getattr(kernel, "parameter", 0.0))
+        if correction == "force density" and steep and alpha >= 1:
             raise ValueError(
-                f"alpha: {kernel.parameter:g} must be below 1 with the correction "
-                "'force density', whose pull of a half neighbourhood diverges from "
-                "there on; use correction='energy'"
+                f"alpha: {alpha:g} must be below 1 with the correction 'force density',"
+                " whose pull of a half neighbourhood diverges from there on; use "
+                "correction='energy'"
             )
         if operator == "fft":
             raise ValueError(

@@ -20,12 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.assembly import Params, Spec, bond_operator, separate
 from jaxpd.body import check_held
-from jaxpd.discretize import Extension, bond_factors
+from jaxpd.discretize import Extension
 from jaxpd.discretize.directional import DIRECTIONAL
-from jaxpd.discretize.surface import VOLUMES, over_bulk, relative_volumes
 from jaxpd.geometry import Family
-from jaxpd.geometry.grid_family import GridFamily, offset_shares, without
+from jaxpd.geometry.grid_family import GridFamily, without
 from jaxpd.operators import (
     BondForce,
     Constraints,
@@ -33,11 +33,8 @@ from jaxpd.operators import (
     LatticeTangent,
     Pulled,
     StencilForce,
-    bond_weights,
     convolution,
 )
-from jaxpd.operators.fft import pivots
-from jaxpd.operators.patches import Box, rim_boxes
 from jaxpd.operators.rest import BondsAtRest, LinearForce
 from jaxpd.physics import Microelastic, micromodulus
 from jaxpd.scene import Kernel
@@ -45,30 +42,11 @@ from jaxpd.solvers.amg import build_hierarchy
 from jaxpd.solvers.hierarchy import build_multigrid
 from jaxpd.solvers.implicit import equilibrium
 from jaxpd.solvers.linear import LinearSolver, linear_solver
-from jaxpd.solvers.newton import Newton, NewtonInfo
+from jaxpd.solvers.newton import NewtonInfo
 from jaxpd.solvers.spectral import build_spectral
 
-Params = dict[str, Any]
 OPERATORS = ("gather", "stencil", "fft")
-
-
-@dataclass(frozen=True)
-class Spec:
-    """What of a problem is known when it is traced; hashable."""
-
-    material: str
-    nu: float | None
-    state: str
-    kernel: str
-    correction: str
-    tangent: str
-    kinematics: str
-    symmetric: bool
-    newton: Newton
-    operator: str
-    cuts: int = 0
-    pivots: tuple[float, ...] = ()
-    patches: tuple[Box, ...] = ()
+__all__ = ["OPERATORS", "Params", "Problem", "Spec", "separate"]
 
 
 @jax.tree_util.register_dataclass
@@ -123,40 +101,17 @@ class Problem:
                 f"`problem.params | {{name: value}}`, with the operator "
                 f"{self.spec.operator!r}; X and vol are parameters of 'gather'"
             )
-        spec, delta = self.spec, params["delta"]
+        spec = self.spec
         constraints, load = (
             Constraints(self.fixed, params["prescribed"]),
             params["load"],
         )
-        law, factors = self.law(params, self.X.shape[1]), None
-        if spec.correction in DIRECTIONAL:
-            one = self.law(params | {"E": 1.0}, self.X.shape[1])
-            args = (one, spec.nu, spec.state, spec.correction)
-            factors = bond_factors(self.family, params, *args)
-        volumes = spec.correction if spec.correction in VOLUMES else "none"
-        if isinstance(self.family, GridFamily):
-            family, dx, v = self.family, params["dx"], None
-            weight = offset_shares(family, delta, dx) * dx ** (2 * self.X.shape[1])
-            if volumes != "none":
-                # relative to the bulk, so that v is 1 there whatever the convention
-                v = relative_volumes(family, delta, dx, "lattice")
-                weight = weight * over_bulk(family, delta, dx, volumes)
-            force = StencilForce(
-                family, dx, weight, v, factors, law, spec.tangent, spec.symmetric
-            )
-            return force, constraints, load
-        X, vol, P, nbr = params["X"], params["vol"], self.extension, self.family.nbr
-        if P is not None:
-            X, vol = P(X), P(vol)
-        weight = bond_weights(X, vol, self.family, delta, volumes)
-        if factors is not None:
-            weight = weight * factors
-        if P is not None:  # the energy is that of the body's own points
-            outside = (nbr >= len(self.X)) | (jnp.arange(len(X)) >= len(self.X))
-            weight = jnp.where(outside, 0.5 * weight, weight)
-        force = BondForce(X, nbr, weight, law, delta, spec.tangent, spec.symmetric)
-        whole = force if P is None else Pulled(force, P, credited=True)
-        return whole, constraints, load
+        d, one = self.X.shape[1], None
+        if spec.material == "elastic":
+            one = self.law(params | {"E": 1.0}, d)
+        law = self.law(params, d)
+        operator = bond_operator(spec, self.family, self.extension, params, law, one)
+        return operator, constraints, load
 
     def force(self, params: Params) -> tuple[Any, Constraints, PointVector]:
         """`build`, with the operator that is solved: linear where strains are small."""
@@ -287,16 +242,6 @@ def _energy(problem: Problem, u: PointVector, params: Params) -> PointScalar:
     if not hasattr(operator.law, "energy"):
         return jnp.full(len(u), jnp.nan)
     return operator.energy_per_point(u)
-
-
-def separate(family: GridFamily, params: Params, correction: str) -> dict[str, Any]:
-    """How the volume correction of a lattice is separated: fields of a `Spec`."""
-    cuts = {"cuts": int(family.cut.shape[1])}
-    if correction not in VOLUMES[1:]:
-        return cuts
-    v = relative_volumes(family, params["delta"], params["dx"], "lattice")
-    boxes = rim_boxes(family)
-    return cuts | {"pivots": pivots(np.asarray(v)), "patches": boxes}
 
 
 @jax.jit

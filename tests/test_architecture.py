@@ -13,8 +13,8 @@ import jaxpd
 PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
     "_types", "geometry", "physics", "discretize", "operators", "solvers", "scene",
-    "gallery", "body", "problem", "prepare", "run", "io", "plot", "gradcheck",
-    "observe", "inverse", "descent", "fitting", "uncertainty",
+    "gallery", "body", "assembly", "problem", "prepare", "run", "audit", "io", "plot",
+    "gradcheck", "observe", "inverse", "descent", "fitting", "uncertainty",
     "resample", "__init__", "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))

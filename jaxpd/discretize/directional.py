@@ -104,11 +104,15 @@ def grid_factors(
     return 1.0 / xp.sqrt(total)
 
 
-def family_factors(
-    X: PointVector, vol: PointScalar, family: Family, delta: Scalar, law: Microelastic,
-    goal: Scalar, method: str,
-) -> BondScalar:  # fmt: skip
-    """Factor of every bond [k, n] (-) of index lists; see `grid_factors`."""
+def _family_sums(
+    X: PointVector,
+    vol: PointScalar,
+    family: Family,
+    delta: Scalar,
+    law: Microelastic,
+    method: str,
+) -> PointVector:
+    """Energy or pull of the bonds of every point along each axis [n, d]."""
     beta = shares(X, vol, family, delta)
 
     @partial(jax.checkpoint, prevent_cse=False)  # backwards, computed again
@@ -120,7 +124,20 @@ def family_factors(
     def add(total, slot):
         return total + of(slot), None
 
-    sums = jax.lax.scan(add, jnp.zeros_like(X), (family.nbr, beta))[0]
+    return jax.lax.scan(add, jnp.zeros_like(X), (family.nbr, beta))[0]
+
+
+def family_factors(
+    X: PointVector,
+    vol: PointScalar,
+    family: Family,
+    delta: Scalar,
+    law: Microelastic,
+    goal: Scalar,
+    method: str,
+) -> BondScalar:
+    """Factor of every bond [k, n] (-) of index lists; see `grid_factors`."""
+    sums = _family_sums(X, vol, family, delta, law, method)
     g = goal / jnp.where(sums > 0, sums, goal)
 
     def factor(xi, nbr):
@@ -130,11 +147,23 @@ def family_factors(
     return over_slots(factor, X, family, delta)
 
 
+def bulk_factor(
+    X: PointVector,
+    vol: PointScalar,
+    family: Family,
+    delta: Scalar,
+    law: Microelastic,
+    goal: Scalar,
+) -> Scalar:
+    """Factor [] (-) of the energy method for the points of most energy: the bulk."""
+    return goal / _family_sums(X, vol, family, delta, law, "energy")[:, 0].max()
+
+
 def bond_factors(
     family: Family | GridFamily, params: dict[str, Any], law: Microelastic,
     nu: float | None, state: str, method: str,
 ) -> BondScalar:  # fmt: skip
-    """Factor of every bond [k, n] (-) from the parameters of a problem.
+    """Factor of every bond [k, n] (-), or [] of all, from a problem's parameters.
 
     Args:
         family: the bonds, of a lattice or by index lists.
@@ -142,12 +171,16 @@ def bond_factors(
         law: the bond law with E = 1.
         nu: Poisson's ratio (-), None for a bar.
         state: one of `jaxpd.physics.elastic.DIMENSIONS`.
-        method: one of `DIRECTIONAL`.
+        method: one of `DIRECTIONAL`, or "fictitious": whole neighbourhoods, which all
+            get the factor of the energy method in the bulk.
     """
     delta = params["delta"]
     if isinstance(family, GridFamily):
         goal = whole(method, law, nu, state, len(family.shape), delta)
         return grid_factors(family, delta, params["dx"], law, goal, method)
     X = params["X"]
+    if method == "fictitious":
+        goal = whole("energy", law, nu, state, X.shape[1], delta)
+        return bulk_factor(X, params["vol"], family, delta, law, goal)
     goal = whole(method, law, nu, state, X.shape[1], delta)
     return family_factors(X, params["vol"], family, delta, law, goal, method)

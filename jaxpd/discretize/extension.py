@@ -6,11 +6,19 @@ new point where its list says (X_new = sum of weight X), reproduce affine fields
 P^T maps forces on all points to forces on the body with the same resultant and moment.
 
 `beyond_faces` makes the fictitious points of a box: layers of the lattice outside its
-faces. Their displacement is a linear extrapolation through the face by reflection,
+faces, whose displacement continues the body's linearly: the least-squares line through
+the R outermost rows, axis by axis beyond edges and corners (R^d weights at most). With
+the horizon m spacings R = ceil(3 m / 2). What was measured in plane stress at m = 4:
 
-    u(-k) = 2 u(0) - u(k),      k rows beyond the outermost row 0,
+    rule                    largest eigenvalue of K, of that without correction
+    u(-k) = 2 u(0) - u(k)    8.1     reflection through the outermost row
+    R = 2                   29
+    R = 4                    2.5
+    R = 6                    1.20    (the volume method 1.13, the energy method 1.34)
+    R = 8                    1.08
 
-and likewise axis by axis beyond edges and corners, 2^d weights at most.
+An explicit run pays by the square root in its time step; all of them leave the energy
+of a strip in tension within 1 % at its faces.
 """
 
 from __future__ import annotations
@@ -29,7 +37,7 @@ from numpy.typing import NDArray
 
 from jaxpd.geometry.cloud import Cloud, Lattice
 from jaxpd.geometry.crack import Crack
-from jaxpd.geometry.family import Family, find
+from jaxpd.geometry.family import HORIZON_TOLERANCE, Family, find
 from jaxpd.geometry.grid_family import half_offsets
 
 
@@ -82,9 +90,11 @@ class Extension:
         return matrix
 
 
-def reflected(k: int) -> dict[int, float]:
-    """Rows and weights of the row k beyond the outermost row 0."""
-    return {0: 2.0, k: -1.0}
+def line(R: int, k: int) -> dict[int, float]:
+    """Rows 0.. and weights of row -k on the least-squares line through R rows."""
+    x = np.arange(R) - 0.5 * (R - 1)
+    weight = 1.0 / R - x * (k + 0.5 * (R - 1)) / (x @ x)
+    return dict(enumerate(weight.tolist()))
 
 
 def beyond_faces(
@@ -94,7 +104,7 @@ def beyond_faces(
     partial: str = "none",
     cracks: Sequence[Crack] = (),
     free: Sequence[tuple[bool, bool]] | None = None,
-    rule: Any = reflected,
+    rows: int | None = None,
 ) -> tuple[Family, Extension]:
     """Fictitious points beyond the free faces of a lattice, as thick as the horizon.
 
@@ -104,7 +114,7 @@ def beyond_faces(
         partial: as in `jaxpd.geometry.family.find`.
         cracks: bonds that they cut are left out.
         free: (below, above) per axis, whether that face gets points; all by default.
-        rule: rows and weights of a row k beyond a face, a dict.
+        rows: rows that the line goes through; 3 / 2 of the horizon's by default.
 
     Returns:
         The bonds of all points, the body's first, without those between two
@@ -122,13 +132,14 @@ def beyond_faces(
         )
     d = len(grid.shape)
     layers = int(np.abs(half_offsets(d, delta / grid.dx, partial)).max())
+    rows = rows or math.ceil(1.5 * delta / grid.dx * (1 - HORIZON_TOLERANCE))
     sides = np.ones((d, 2), bool) if free is None else np.asarray(free, bool)
     extra = np.where(sides, layers, 0)
     _check_cracks(grid, delta, cracks, sides)
     shape = tuple(np.asarray(grid.shape) + extra.sum(axis=1))
     place = np.indices(shape).reshape(d, -1).T - extra[:, 0]
     body = ((place >= 0) & (place < grid.shape)).all(axis=1)
-    per_axis = [_rows(n, e, rule) for n, e in zip(grid.shape, extra, strict=True)]
+    per_axis = [_rows(n, e, rows) for n, e in zip(grid.shape, extra, strict=True)]
     sources, weights = _compose(place[~body], grid.shape, per_axis)
     X = np.asarray(grid.origin) + grid.dx * place
     origin = tuple(float(o) for o in np.asarray(grid.origin) - grid.dx * extra[:, 0])
@@ -148,17 +159,26 @@ def beyond_faces(
     return family, Extension(jnp.asarray(sources), jnp.asarray(weights.astype(dtype)))
 
 
-def _rows(n: int, extra: NDArray[np.integer], rule: Any) -> dict[int, dict[int, float]]:
+def share_of_body(nbr: jax.Array, n: int) -> jax.Array:
+    """Share of a bond [k, n + q] in the body: 1, or 1/2 to a fictitious point.
+
+    So the energy is that of the body's own points, each with a whole neighbourhood.
+    """
+    outside = (nbr >= n) | (jnp.arange(nbr.shape[1]) >= n)
+    return jnp.where(outside, 0.5, 1.0)
+
+
+def _rows(n: int, extra: NDArray[np.integer], R: int) -> dict[int, dict[int, float]]:
     """Rows and weights of every row along an axis of n rows, by its number."""
+    if extra.any() and max(R, 2) > n:
+        raise ValueError(
+            f"correction: 'fictitious' needs {max(R, 2)} rows of points along each "
+            f"axis with a free face and the body has {n}; refine it, or use 'energy'"
+        )
     rows: dict[int, dict[int, float]] = {i: {i: 1.0} for i in range(n)}
     for side, count in enumerate(extra):
         for k in range(1, int(count) + 1):
-            found = rule(k)
-            if max(found) >= n:
-                raise ValueError(
-                    f"correction: 'fictitious' needs {max(found) + 1} rows of points "
-                    f"along each axis and the body has {n}; refine it, or use 'energy'"
-                )
+            found = line(max(R, 2), k)
             if side == 0:
                 rows[-k] = found
             else:

@@ -1,8 +1,8 @@
 """Operators on more points than are unknown: P^T respond(P u).
 
 `op` acts on all points, u_all = P u makes their displacements from the body's (see
-`jaxpd.discretize.extension`), and P^T takes the forces back. The energy is that of `op`,
-so that the force is its derivative, the stiffness P^T K P is symmetric and positive
+`jaxpd.discretize.extension`), and P^T takes the forces back. The energy is `op`'s, so
+that the force is its derivative, the stiffness P^T K P is symmetric and positive
 semidefinite where K is, and both momenta are conserved if P reproduces affine fields.
 """
 
