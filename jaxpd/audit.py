@@ -31,6 +31,7 @@ from jaxpd.physics import elastic
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
 from jaxpd.scene import Elastic, Scene
+from jaxpd.solvers.linear import quickly
 
 #: Strain of the fields; energies of both signs are averaged: errors of its square.
 STRAIN = 1e-4
@@ -52,15 +53,6 @@ class Constants:
     nu: NDArray[np.floating]
     G: NDArray[np.floating]
 
-    def over(self, points: NDArray[np.bool_]) -> dict[str, tuple[float, float, float]]:
-        """Least, mean and largest E, nu and G over the axes of some points [n]."""
-        found = {}
-        for name in ("E", "nu", "G"):
-            x = getattr(self, name)[points]
-            if x.size:
-                found[name] = (float(x.min()), float(x.mean()), float(x.max()))
-        return found
-
 
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -69,8 +61,8 @@ class Audit:
     Attributes:
         X: reference positions [n, d] (m).
         bulk: points with a whole neighbourhood [n].
-        face: points of the outermost rows of the lattice, or within half a point's
-            size of the box around a cloud [n].
+        face: whether a point lies on a face across an axis [n, d]: an outermost row of
+            the lattice, or within half a point's size of the box around a cloud.
         constants: for each correction.
         refused: corrections that the scene cannot have, and why.
     """
@@ -81,29 +73,51 @@ class Audit:
     constants: dict[str, Constants]
     refused: dict[str, str]
 
-    def worst(self, correction: str) -> float:
-        """Largest deviation of E over the points that are not bulk, from 1 (-)."""
-        E = self.constants[correction].E[~self.bulk]
-        return float(np.abs(E - 1.0).max()) if E.size else 0.0
+    def places(self, correction: str) -> dict[str, dict[str, float]]:
+        """For each of "E", "nu", "G" its value over the classical one, by place.
+
+        "bulk" and the faces by the median, over all axes: "along" for tension along a
+        face or shear in its plane, "across" for the others; the points without a whole
+        neighbourhood by their extremes, "rim min" and "rim max". NaN where there is no
+        such point.
+        """
+        constants, face = self.constants[correction], self.face
+        across = {"E": face, "nu": face}
+        i, j = np.array(_planes(face.shape[1]), int).reshape(-1, 2).T
+        across["G"] = face[:, i] | face[:, j]
+        found = {}
+        for name, normal in across.items():
+            x = getattr(constants, name)
+            some = face.any(axis=1)[:, None] & ~normal
+            rim = x[~self.bulk]
+            found[name] = {
+                "bulk": _median(x[self.bulk]),
+                "along": _median(x[some]),
+                "across": _median(x[normal]),
+                "rim min": float(rim.min()) if rim.size else np.nan,
+                "rim max": float(rim.max()) if rim.size else np.nan,
+            }
+        return found
 
     def __str__(self) -> str:
-        """The table: bulk and faces by their mean, the rim by its extremes."""
-        head = f"{'over the classical':18}" + "".join(
-            f"{name:>9}{'face':>8}{'rim min':>9}{'rim max':>9}"
-            for name in ("E bulk", "nu bulk", "G bulk")
-        )
-        lines = [head]
-        for correction, constants in self.constants.items():
-            parts = [
-                constants.over(points) for points in (self.bulk, self.face, ~self.bulk)
-            ]
-            cells = [f"{correction:18}"]
-            for name in ("E", "nu", "G"):
-                bulk, face, rim = (p.get(name, (np.nan,) * 3) for p in parts)
-                cells.append(f"{bulk[1]:9.4f}{face[1]:8.4f}{rim[0]:9.4f}{rim[2]:9.4f}")
-            lines.append("".join(cells))
+        """The table of `places`."""
+        head = ("bulk", "along", "across", "rim min", "rim max")
+        lines = [f"{'':21}" + "".join(f"{name:>9}" for name in head)]
+        for correction in self.constants:
+            for name, row in self.places(correction).items():
+                numbers = "".join(f"{row[place]:9.4f}" for place in head)
+                lines.append(f"{correction:16}{name:>5}{numbers}")
         lines += [f"{name}: {why}" for name, why in self.refused.items()]
         return "\n".join(lines)
+
+
+def _median(x: NDArray[np.floating]) -> float:
+    return float(np.median(x)) if x.size else np.nan
+
+
+def _planes(d: int) -> list[tuple[int, int]]:
+    """Planes of shear in Voigt's order."""
+    return {1: [], 2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)]}[d]
 
 
 def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
@@ -148,8 +162,7 @@ def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
 
 def _strains(d: int) -> NDArray[np.floating]:
     """Unit strains [s, d, d] in Voigt's order, engineering shear."""
-    pairs = [(a, a) for a in range(d)]
-    pairs += {1: [], 2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)]}[d]
+    pairs = [(a, a) for a in range(d)] + _planes(d)
     found = np.zeros((len(pairs), d, d))
     for e, (a, b) in zip(found, pairs, strict=True):
         e[a, b] += 0.5
@@ -157,7 +170,6 @@ def _strains(d: int) -> NDArray[np.floating]:
     return found
 
 
-@jax.jit
 def _energies(problem: Problem, fields: Any) -> PointScalar:
     """Mean energies [f, n] (J) under displacements [f, n, d] and their opposites."""
     operator, _, _ = problem.build(problem.params)
@@ -178,7 +190,7 @@ def _constants(problem: Problem, material: Elastic) -> Constants:
     first, second = np.triu_indices(s, 1)
     strains = STRAIN * np.concatenate([unit, unit[first] + unit[second]])
     fields = jnp.asarray(np.einsum("fab,nb->fna", strains, X), X.dtype)
-    W = np.asarray(_energies(problem, fields)) / (vol * STRAIN**2)
+    W = np.asarray(quickly(_energies)(problem, fields)) / (vol * STRAIN**2)
     C = np.zeros((len(X), s, s))
     C[:, range(s), range(s)] = 2.0 * W[:s].T
     C[:, first, second] = (W[s:] - W[first] - W[second]).T
@@ -200,7 +212,7 @@ def _constants(problem: Problem, material: Elastic) -> Constants:
 
 
 def _places(scene: Scene) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Points with a whole neighbourhood, and points on the faces."""
+    """Points with a whole neighbourhood [n], and those on faces across axes [n, d]."""
     cloud, resolution = cloud_of(scene), scene.resolution
     how: dict[str, Any] = {"partial": resolution.partial, "cracks": scene.cracks}
     X, vol = np.asarray(cloud.X), np.asarray(cloud.vol)
@@ -212,5 +224,5 @@ def _places(scene: Scene) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         V = vol + np.where(present, vol[nbr], 0.0).sum(axis=0)
         bulk = np.quantile(V, 0.9) * WHOLE <= V
     half = 0.5 * vol[:, None] ** (1 / cloud.d)
-    face = (X <= X.min(axis=0) + half) | (X.max(axis=0) - half <= X)
-    return bulk, face.any(axis=1)
+    low, high = X.min(axis=0) + half, X.max(axis=0) - half
+    return bulk, (low >= X) | (high <= X)
