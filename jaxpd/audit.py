@@ -89,7 +89,7 @@ class Audit:
         for name, normal in across.items():
             x = getattr(constants, name)
             some = face.any(axis=1)[:, None] & ~normal
-            rim = x[~self.bulk]
+            rim = x[np.logical_not(self.bulk)]
             found[name] = {
                 "bulk": _median(x[self.bulk]),
                 "along": _median(x[some]),
