@@ -10,7 +10,11 @@ conventions for V0 are in use and both are needed, by name:
                 (by 8.9 % at m = 4); the figures of paper 002 need it
 
 The other methods: "energy" and "force density" in `jaxpd.discretize.directional`,
-"fictitious" in `jaxpd.discretize.extension`.
+"fictitious" in `jaxpd.discretize.extension`. Measured by `benchmarks/surfaces.py` on a
+strip in tension (plane stress, m = 3 and 4): how far the modulus of a row within a
+horizon of the face is from the middle's, at most,
+
+    none 21-30 %, volume 18-24 %, energy 6-7 %, force density 4-6 %, fictitious 0.6 %.
 """
 
 from __future__ import annotations
