@@ -9,6 +9,7 @@ mean over the width is that of the pull of the grips over width and strain.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -17,8 +18,18 @@ import numpy as np
 from _report import Report, is_quick
 from scipy.sparse.linalg import eigsh
 
-from jaxpd import Bonds, Elastic, Scene, box, fractional, moves, solve_static
-from jaxpd.discretize import CORRECTIONS
+from jaxpd import (
+    Bonds,
+    Elastic,
+    Scene,
+    box,
+    fractional,
+    moves,
+    prepare,
+    solve_static,
+)
+from jaxpd.body import cloud_of
+from jaxpd.discretize import CORRECTIONS, beyond_faces
 from jaxpd.problem import first_tangent
 
 jax.config.update("jax_enable_x64", True)
@@ -71,8 +82,6 @@ def measure(rows: int, columns: int, m: int, alpha: float, correction: str) -> A
     W = np.asarray(solution.energy_density).reshape(columns, rows)[mid]
     E = 2.0 * W / strain[rows // 2] ** 2
     pull = solution.reaction_on(scene.supports[1].region)[0]
-    matrix = jax.jit(first_tangent)(solution.problem).to_bsr().tocsr()
-    top = eigsh(matrix, k=1, return_eigenvectors=False)[0]
     half = rows // 2 + 1
     return {
         "m": m,
@@ -87,10 +96,29 @@ def measure(rows: int, columns: int, m: int, alpha: float, correction: str) -> A
         "pull": float(pull / (rows * DX * strain.mean())),
         "rim": float(np.abs(E[: m + 1] - 1).max()),
         "rim over middle": float(np.abs(E[: m + 1] / E[rows // 2] - 1).max()),
-        "largest eigenvalue": float(top),
+        "largest eigenvalue": top_of(solution.problem),
         "operator": solution.problem.spec.operator,
         "iterations": int(solution.linear_iterations[0]),
     }
+
+
+def top_of(problem: Any) -> float:
+    """Largest eigenvalue of the stiffness of the undeformed body (N/m)."""
+    matrix = jax.jit(first_tangent)(problem).to_bsr().tocsr()
+    return float(eigsh(matrix, k=1, return_eigenvectors=False)[0])
+
+
+def by_rows(size: tuple[int, int], m: int, alpha: float, none: float) -> dict[str, Any]:
+    """Largest eigenvalue with fictitious points on lines through more or fewer rows."""
+    scene = strip(*size, m, alpha, "fictitious")
+    problem, cloud = prepare(scene), cloud_of(scene)
+    found = {}
+    for rows in (2, m, 3 * m // 2 + m % 2, 2 * m):
+        delta = scene.resolution.horizon
+        family, P = beyond_faces(cloud, delta, partial="linear", rows=rows)
+        other = dataclasses.replace(problem, family=family, extension=P)
+        found[str(rows)] = top_of(other) / none
+    return {"m": m, "alpha": alpha, "eigenvalue by rows": found}
 
 
 def line(row: dict[str, Any], none: dict[str, Any]) -> list[Any]:
@@ -186,6 +214,15 @@ def main() -> None:
         jax.clear_caches()
     draw(report, cases)
     add_claims(report)
+    m, alpha = cases[-1]
+    none = report.rows[-len(names)]["largest eigenvalue"]
+    trials = by_rows(size, m, alpha, none)
+    shown = ", ".join(f"{k}: {v:.3g}" for k, v in trials["eigenvalue by rows"].items())
+    report.notes.append(
+        f"m = {m}, alpha = {alpha:g}: largest eigenvalue with fictitious points on "
+        f"lines through so many rows, over that without correction: {shown}"
+    )
+    report.rows.append(trials)
     report.notes += [
         f"{size[0]} rows across, {size[1]} along; row 0 is the outermost",
         "all moduli over Young's modulus; largest eigenvalue over that without "
