@@ -88,7 +88,7 @@ class Audit:
         found = {}
         for name, normal in across.items():
             x = getattr(constants, name)
-            some = face.any(axis=1)[:, None] & ~normal
+            some = face.any(axis=1, keepdims=True) & ~normal
             rim = x[np.logical_not(self.bulk)]
             found[name] = {
                 "bulk": _median(x[self.bulk]),
