@@ -2,6 +2,7 @@
 
 The rooms, in the order in which data walks through them: `geometry`, `physics`,
 `discretize`, `operators`, `solvers`; then the front desk: `scene`, `gallery`, `run`,
+`audit`,
 `io`, `plot`; and what looks back: `gradcheck`, `observe`, `inverse`, `descent`,
 `fitting`, `uncertainty`, `resample`. Importing does nothing; statics needs 64-bit
 floats, which the user turns on:
@@ -24,6 +25,7 @@ from jaxpd import (
     solvers,
     uncertainty,
 )
+from jaxpd.audit import Audit, audit
 from jaxpd.conditions import (
     body_force,
     drives,
@@ -69,6 +71,7 @@ from jaxpd.solvers.status import NotConverged, Status
 __version__ = "0.1.0"
 
 __all__ = [
+    "Audit",
     "Bonds",
     "Diverged",
     "Elastic",
@@ -84,6 +87,7 @@ __all__ = [
     "Status",
     "Table",
     "above",
+    "audit",
     "ball",
     "below",
     "body_force",

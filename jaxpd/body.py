@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.discretize.directional import DIRECTIONAL
+from jaxpd.discretize.surface import CORRECTIONS
 from jaxpd.geometry import (
     Box,
     Cloud,
@@ -20,7 +22,7 @@ from jaxpd.geometry import (
     loose_points,
     pieces,
 )
-from jaxpd.scene import Scene
+from jaxpd.scene import Elastic, Kernel, Scene
 from jaxpd.schedule import ALWAYS, Table
 
 
@@ -186,3 +188,57 @@ def check_held(X: np.ndarray, family: Family | GridFamily, fixed: np.ndarray) ->
             f" first is point {loose[0]} at {X[loose[0]]}) and no stiffness across; "
             "make the horizon larger, or prescribe the component across"
         )
+
+
+def free_faces(scene: Scene) -> tuple[tuple[bool, bool], ...]:
+    """Whether each face (below, above) of the lattice is without supports' layers."""
+    if isinstance(scene.body, Cloud):
+        return ((True, True),) * scene.d
+    return tuple((below == 0, above == 0) for below, above in scene.layers())
+
+
+def check_correction(
+    correction: str, scene: Scene, cloud: Cloud, operator: str
+) -> None:
+    """Refuse a surface correction that the scene or the operator cannot have.
+
+    Raises:
+        ValueError: naming the argument, its value and the cure.
+    """
+    if correction not in CORRECTIONS:
+        raise ValueError(f"correction: {correction!r} must be one of {CORRECTIONS}")
+    if correction in DIRECTIONAL:
+        if not isinstance(scene.material, Elastic):
+            raise ValueError(
+                f"correction: {correction!r} compares with classical elasticity and "
+                "needs an Elastic material; use 'lattice' or 'analytic' with own laws"
+            )
+        kernel = scene.resolution.kernel
+        steep = isinstance(kernel, Kernel) and kernel.name == "fractional"
+        alpha = float(getattr(kernel, "parameter", 0.0))
+        if correction == "force density" and steep and alpha >= 1:
+            raise ValueError(
+                f"alpha: {alpha:g} must be below 1 with the correction 'force density',"
+                " whose pull of a half neighbourhood diverges from there on; use "
+                "correction='energy'"
+            )
+        if operator == "fft":
+            raise ValueError(
+                f"operator: 'fft' needs bonds that are alike, and the correction "
+                f"{correction!r} makes each its own; use 'stencil' or 'gather'"
+            )
+    if correction == "fictitious":
+        if operator not in ("auto", "gather"):
+            raise ValueError(
+                f"operator: {operator!r} does not know of the correction 'fictitious';"
+                " use 'gather'"
+            )
+        if np.ndim(getattr(scene.material, "E", 0.0)):
+            raise ValueError(
+                "E: a modulus of every point cannot be continued beyond the body by "
+                "the correction 'fictitious'; use correction='energy'"
+            )
+        if not any(map(any, free_faces(scene))):
+            raise ValueError(
+                "correction: 'fictitious' finds no free face; use 'none' or 'lattice'"
+            )

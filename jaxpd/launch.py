@@ -7,17 +7,19 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpd.body import cloud_of, loads_on, starts_on, supports_on
+from jaxpd.body import cloud_of, free_faces, loads_on, starts_on, supports_on
+from jaxpd.discretize import beyond_faces
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.motion import Course, Motion
 from jaxpd.operators.halves import start_bits
+from jaxpd.operators.pulled_motion import PulledMotion
 from jaxpd.operators.row import row_of
 from jaxpd.operators.slots import curve
 from jaxpd.physics.damage import Brittle, Softening
 from jaxpd.prepare import correction_of, model_of
 from jaxpd.problem import Problem, Spec
 from jaxpd.scene import Elastic, Kernel, Scene
-from jaxpd.solvers.explicit import stable_dt
+from jaxpd.solvers.explicit import largest_dt, stable_dt
 from jaxpd.solvers.linear import LinearSolver
 from jaxpd.solvers.newton import Newton
 
@@ -73,7 +75,9 @@ def prepare_motion(
     model, params = model_of(scene)
     if not elastic and not hasattr(params["law"], "advance"):
         params["law"] = Brittle(params["law"], np.asarray(material.s_crit, X.dtype))
-    kind = _kind(operator, cloud, elastic, softening)
+    correction = correction_of(scene, cloud)
+    beyond = correction == "fictitious"
+    kind = _kind(operator, cloud.regular and not beyond, elastic, softening)
     fixed, moved, moves = supports_on(scene, X)
     pulled, loads = loads_on(scene, X, vol, fixed)
     u0, v0 = starts_on(scene, X)
@@ -86,18 +90,24 @@ def prepare_motion(
     else:
         family = find(cloud, delta, **search)
         names |= {"X": cloud.X, "vol": cloud.vol}
+    points, extension = X, None
+    if beyond:
+        free = free_faces(scene)
+        family, extension = beyond_faces(cloud, delta, free=free, **search)
+        points = np.asarray(extension(cloud.X))
     kernel = resolution.kernel
     spec = Spec(
         *model,
         kernel=kernel.name if isinstance(kernel, Kernel) else "own",
-        correction=correction_of(scene, cloud),
+        correction=correction,
         tangent="ad",
         kinematics="finite",
         symmetric=True,
         newton=Newton(),
         operator="stencil" if kind == "halves" else "gather",
     )
-    problem = Problem(params | names, family, fixed, X, LinearSolver(), spec)
+    known = params | names
+    problem = Problem(known, family, fixed, X, LinearSolver(), spec, extension)
     params |= {
         "rho": np.asarray(rho, X.dtype),
         "u0": u0.astype(X.dtype),
@@ -110,17 +120,19 @@ def prepare_motion(
     no_fail = None
     if scene.no_fail:
         no_fail = np.any([r.contains(X) for r in scene.no_fail], axis=0)
-    order = curve(X) if kind == "slots" else None
+    order = curve(points) if kind == "slots" else None
     course = Course(kind, breaks, softening, loads, moves, dtype)
-    cut = _cut(scene, cloud, family, delta)
+    cut = _cut(scene, cloud, points, family, delta)
     law = params.get("law", Softening if softening is not None else Brittle)
-    memories = [_memory(family, x, order, kind, law.start, dtype) for x in (cut, None)]
-    return Motion(problem, params, fixed, *memories, vol, no_fail, order, course)
+    begin, untouched = (
+        _memory(family, x, order, kind, law.start, dtype) for x in (cut, None)
+    )
+    return Motion(problem, params, fixed, begin, untouched, vol, no_fail, order, course)
 
 
-def _kind(asked: str, cloud: Cloud, elastic: bool, softening: float | None) -> str:
+def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> str:
     plain = elastic and softening is None
-    able = {"halves": plain and cloud.regular, "slots": plain, "memory": True}
+    able = {"halves": plain and regular, "slots": plain, "memory": True}
     if asked == "auto":
         return next(kind for kind, can in able.items() if can)
     if asked not in able:
@@ -128,13 +140,14 @@ def _kind(asked: str, cloud: Cloud, elastic: bool, softening: float | None) -> s
     if not able[asked]:
         raise ValueError(
             f"operator: {asked!r} is for Elastic"
-            f"{' on a lattice' if asked == 'halves' else ''} without softening; use "
+            f"{' on a lattice' if asked == 'halves' else ''} without softening or "
+            "fictitious points; use "
             "'memory', or 'auto'"
         )
     return asked
 
 
-def _cut(scene: Scene, cloud: Cloud, family: Any, delta: float) -> Any:
+def _cut(scene: Scene, cloud: Cloud, X: Any, family: Any, delta: float) -> Any:
     """Bonds that the cracks cut: (point, slot) [2, b], or a mask [k, n]."""
     if not scene.cracks:
         return None
@@ -143,8 +156,8 @@ def _cut(scene: Scene, cloud: Cloud, family: Any, delta: float) -> Any:
             cloud, delta, partial=family.partial, cracks=scene.cracks
         )
         return np.asarray(cracked.cut)
-    X, nbr = np.asarray(cloud.X), np.asarray(family.nbr)
-    here = np.arange(cloud.n, dtype=np.int32)
+    nbr = np.asarray(family.nbr)
+    here = np.arange(len(X), dtype=np.int32)
     cut = np.zeros(nbr.shape, bool)
     for crack in scene.cracks:
         for row, hit in zip(nbr, cut, strict=True):
@@ -172,8 +185,12 @@ def longest_dt(motion: Motion) -> float:
     """A time step (s) that is stable, surface corrections included; host.
 
     See `jaxpd.solvers.explicit.stable_dt`: at rest and for bonds whose tangent does not
-    grow with their stretch, as those of `Elastic`.
+    grow with their stretch, as those of `Elastic`. With fictitious points, whose bound
+    is loose, 0.95 of the step that SciPy's Lanczos process finds, where that is longer.
     """
     op, drive = jax.jit(Motion.build)(motion, motion.params)
     diagonal = jax.jit(lambda op, history: op.diagonal(history))(op, motion.begin)
-    return stable_dt(np.asarray(diagonal), np.asarray(op.pick(drive.mass)))
+    dt = stable_dt(np.asarray(diagonal), np.asarray(op.pick(drive.mass)))
+    if isinstance(op, PulledMotion):
+        dt = max(dt, 0.95 * largest_dt(op.plain(), drive, motion.begin))
+    return dt

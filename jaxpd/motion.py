@@ -24,11 +24,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.discretize.extension import Extension
 from jaxpd.geometry.family import Family, partial_volumes
 from jaxpd.geometry.grid_family import offset_lengths, offset_shares
-from jaxpd.operators import BondForce, StencilForce
+from jaxpd.operators import BondForce, Pulled, StencilForce
 from jaxpd.operators.halves import HalfForce
 from jaxpd.operators.memory import MemoryForce
+from jaxpd.operators.pulled_motion import PulledMotion
 from jaxpd.operators.slots import SlotForce
 from jaxpd.physics.damage import Brittle, Softening, critical_stretch
 from jaxpd.problem import Params, Problem
@@ -111,18 +113,29 @@ class Motion:
         """The elastic operator, the critical stretch, and what shares damage counts."""
         kept = self.problem.params
         shared = {name: params[name] for name in kept if name in params}
-        bonds = self.problem.bonds(kept | shared)
+        bonds: Any = self.problem.bonds(kept | shared)
         if not self.course.breaks:
             return bonds, math.inf
         law, d = bonds.law, self.X.shape[1]
         s = critical_stretch(params["G0"], law.c, law.omega, d, kept["delta"])
         if self.no_fail is not None:
-            s = jnp.where(self.no_fail, math.inf, s)
+            more = 0 if self.problem.extension is None else len(bonds.P.sources)
+            s = jnp.where(jnp.pad(self.no_fail, (0, more)), math.inf, s)
         return bonds, s
 
-    def operator(self, params: Params) -> HalfForce | SlotForce | MemoryForce:
+    def operator(self, params: Params) -> Any:
         """The operator of the given parameters; see `jaxpd.operators.protocol`."""
         bonds, s_crit = self._bonds(params)
+        if isinstance(bonds, Pulled):
+            op = self._operator(bonds.op, s_crit, bonds.P(jnp.asarray(self.vol)))
+            dtype = jnp.dtype(self.course.dtype)
+            weights = jnp.asarray(bonds.P.weights, dtype)
+            return PulledMotion(op, Extension(bonds.P.sources, weights))
+        return self._operator(bonds, s_crit, self.vol)
+
+    def _operator(
+        self, bonds: Any, s_crit: Any, vol: Any
+    ) -> HalfForce | SlotForce | MemoryForce:
         dtype = jnp.dtype(self.course.dtype)
 
         def cast(tree):
@@ -152,9 +165,9 @@ class Motion:
             )
         delta, family = bonds.delta, self.problem.family
         assert isinstance(family, Family)
-        share = partial_volumes(bonds.X, self.vol, family, delta)
+        share = partial_volumes(bonds.X, vol, family, delta)
         share = jax.lax.map(
-            lambda slot: slot[1] * jnp.asarray(self.vol)[slot[0]], (family.nbr, share)
+            lambda slot: slot[1] * jnp.asarray(vol)[slot[0]], (family.nbr, share)
         )
         if self.course.kind == "slots":
             return self._slots(bonds, s_crit, share, cast)
@@ -207,7 +220,8 @@ class Motion:
 
         n, d = self.X.shape
         mass = op.lay(jnp.broadcast_to(jnp.asarray(params["rho"]), (n,)) * self.vol)
-        mass = jnp.where(mass > 0.0, mass, 1.0).astype(dtype)  # empty places
+        mass = jnp.where(mass > 0.0, mass, 1.0)  # empty places
+        mass = jnp.asarray(mass, dtype)
         shape = (0, d, len(mass))
         loads = [lay(x) for x in params["load"]]
         moves = [lay(x) for x in params["prescribed"]]

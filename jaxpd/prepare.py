@@ -13,7 +13,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpd.body import check_held, cloud_of, loads_on, still, supports_on
+from jaxpd.body import (
+    check_correction,
+    check_held,
+    cloud_of,
+    free_faces,
+    loads_on,
+    still,
+    supports_on,
+)
+from jaxpd.discretize import beyond_faces
+from jaxpd.discretize.directional import DIRECTIONAL
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.geometry.grid_family import offset_sums
 from jaxpd.operators.lattice import index_pairs
@@ -99,11 +109,15 @@ def prepare(
         "prescribed": still(moved, times, "supports").astype(X.dtype),
         "load": still(pulled, courses, "loads").astype(X.dtype),
     }
-    correction = correction_of(scene, cloud)
+    correction = correction_of(scene, cloud, operator)
     model, more = model_of(scene)
     params |= more
     kernel = resolution.kernel
     symmetric = _is_symmetric(params.get("law"), scene.d)
+    if correction == "fictitious":
+        operator = "gather"
+    elif correction in DIRECTIONAL and operator == "auto" and cloud.regular:
+        operator = "stencil"
     operator = _operator(operator, scene, cloud, params.get("law"), symmetric)
     how: dict[str, Any] = {"partial": resolution.partial, "cracks": scene.cracks}
     if operator == "gather":
@@ -114,6 +128,9 @@ def prepare(
         family = find_on_grid(cloud, delta, **how)
         params["dx"] = np.asarray(cloud.lattice.dx, X.dtype)
     check_held(X, family, fixed)
+    extension = None
+    if correction == "fictitious":
+        family, extension = beyond_faces(cloud, delta, free=free_faces(scene), **how)
     separation = {}
     if isinstance(family, GridFamily):
         separation = separate(family, params, correction)
@@ -133,7 +150,7 @@ def prepare(
         operator=operator,
         **separation,
     )
-    problem = Problem(params, family, fixed, X, LinearSolver(), spec)
+    problem = Problem(params, family, fixed, X, LinearSolver(), spec, extension)
     _check_stiff(problem)
     if solver == "auto":
         solver = _solver(problem)
@@ -141,15 +158,12 @@ def prepare(
     return dataclasses.replace(problem, linear=linear)
 
 
-def correction_of(scene: Scene, cloud: Cloud) -> str:
-    """The surface correction asked for, or the default."""
+def correction_of(scene: Scene, cloud: Cloud, operator: str = "auto") -> str:
+    """The surface correction asked for, or the default; checked."""
     correction = scene.resolution.correction
     if correction is None:
-        return "lattice" if cloud.lattice is not None else "analytic"
-    if correction not in ("none", "lattice", "analytic"):
-        raise ValueError(
-            f"correction: {correction!r} must be 'none', 'lattice' or 'analytic'"
-        )
+        correction = "lattice" if cloud.lattice is not None else "analytic"
+    check_correction(correction, scene, cloud, operator)
     return correction
 
 
@@ -202,7 +216,8 @@ def _operator(asked: str, scene: Scene, cloud: Cloud, law: Any, symmetric: bool)
 
 def _solver(problem: Problem) -> str:
     """The linear solver that is ready first."""
-    if not isinstance(problem.family, GridFamily):
+    each = problem.spec.correction in DIRECTIONAL
+    if each or not isinstance(problem.family, GridFamily):
         return "d-pcg" if problem.spec.symmetric else "direct"
     finite = problem.spec.kinematics == "finite"
     later = max(0, len(problem.spec.pivots) - 1)
@@ -260,7 +275,8 @@ def _first_diagonal(problem: Problem) -> jax.Array:
 
 def _check_stiff(problem: Problem) -> None:
     """Refuse a kernel or law without positive stiffness in the undeformed body."""
-    if isinstance(problem.family, GridFamily):
+    each = problem.spec.correction in DIRECTIONAL
+    if isinstance(problem.family, GridFamily) and not each:
         rest = problem.rest()
         own = [q for q, (a, b) in enumerate(index_pairs(rest.d)) if a == b]
         trace = offset_sums(rest.family, rest.parts[:, own].sum(axis=1)).ravel()

@@ -20,21 +20,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.assembly import Params, Spec, bond_operator, separate
 from jaxpd.body import check_held
-from jaxpd.discretize.surface import over_bulk, relative_volumes
+from jaxpd.discretize import Extension
+from jaxpd.discretize.directional import DIRECTIONAL
 from jaxpd.geometry import Family
-from jaxpd.geometry.grid_family import GridFamily, offset_shares, without
+from jaxpd.geometry.grid_family import GridFamily, without
 from jaxpd.operators import (
     BondForce,
     Constraints,
     FFTTangent,
     LatticeTangent,
+    Pulled,
     StencilForce,
-    bond_weights,
     convolution,
 )
-from jaxpd.operators.fft import pivots
-from jaxpd.operators.patches import Box, rim_boxes
 from jaxpd.operators.rest import BondsAtRest, LinearForce
 from jaxpd.physics import Microelastic, micromodulus
 from jaxpd.scene import Kernel
@@ -42,30 +42,11 @@ from jaxpd.solvers.amg import build_hierarchy
 from jaxpd.solvers.hierarchy import build_multigrid
 from jaxpd.solvers.implicit import equilibrium
 from jaxpd.solvers.linear import LinearSolver, linear_solver
-from jaxpd.solvers.newton import Newton, NewtonInfo
+from jaxpd.solvers.newton import NewtonInfo
 from jaxpd.solvers.spectral import build_spectral
 
-Params = dict[str, Any]
 OPERATORS = ("gather", "stencil", "fft")
-
-
-@dataclass(frozen=True)
-class Spec:
-    """What of a problem is known when it is traced; hashable."""
-
-    material: str
-    nu: float | None
-    state: str
-    kernel: str
-    correction: str
-    tangent: str
-    kinematics: str
-    symmetric: bool
-    newton: Newton
-    operator: str
-    cuts: int = 0
-    pivots: tuple[float, ...] = ()
-    patches: tuple[Box, ...] = ()
+__all__ = ["OPERATORS", "Params", "Problem", "Spec", "separate"]
 
 
 @jax.tree_util.register_dataclass
@@ -84,6 +65,7 @@ class Problem:
         X: reference positions [n, d] (m), for looking up; those of `params` count.
         linear: the linear solver with its hierarchy.
         spec: how it is modelled and solved.
+        extension: of the correction "fictitious"; `family` is then that of all points.
     """
 
     params: Params
@@ -92,6 +74,7 @@ class Problem:
     X: Any
     linear: LinearSolver
     spec: Spec = field(metadata={"static": True})
+    extension: Extension | None = None
 
     def law(self, params: Params, d: int) -> Any:
         """The bond law of the given parameters."""
@@ -108,7 +91,7 @@ class Problem:
 
     def build(
         self, params: Params
-    ) -> tuple[BondForce | StencilForce, Constraints, PointVector]:
+    ) -> tuple[BondForce | StencilForce | Pulled, Constraints, PointVector]:
         """Operator, constraints and external load (N) of the given parameters."""
         if set(params) != set(self.params):
             unknown = sorted(set(params) - set(self.params))
@@ -121,42 +104,33 @@ class Problem:
         constraints = Constraints(self.fixed, params["prescribed"])
         return self.bonds(params), constraints, params["load"]
 
-    def bonds(self, params: Params) -> BondForce | StencilForce:
+    def bonds(self, params: Params) -> BondForce | StencilForce | Pulled:
         """The operator of the given parameters, at finite displacements."""
-        spec, delta = self.spec, params["delta"]
-        law = self.law(params, self.X.shape[1])
-        if isinstance(self.family, GridFamily):
-            family, dx, v = self.family, params["dx"], None
-            weight = offset_shares(family, delta, dx) * dx ** (2 * self.X.shape[1])
-            if spec.correction != "none":
-                # relative to the bulk, so that v is 1 there whatever the convention
-                v = relative_volumes(family, delta, dx, "lattice")
-                weight = weight * over_bulk(family, delta, dx, spec.correction)
-            return StencilForce(
-                family, dx, weight, v, None, law, spec.tangent, spec.symmetric
-            )
-        X = params["X"]
-        weight = bond_weights(X, params["vol"], self.family, delta, spec.correction)
-        nbr = self.family.nbr
-        return BondForce(X, nbr, weight, law, delta, spec.tangent, spec.symmetric)
+        spec, d, one = self.spec, self.X.shape[1], None
+        if spec.material == "elastic":
+            one = self.law(params | {"E": 1.0}, d)
+        law = self.law(params, d)
+        return bond_operator(spec, self.family, self.extension, params, law, one)
 
     def force(self, params: Params) -> tuple[Any, Constraints, PointVector]:
         """`build`, with the operator that is solved: linear where strains are small."""
         operator, constraints, load = self.build(params)
         if self.spec.kinematics == "finite":
             return operator, constraints, load
-        if isinstance(operator, BondForce):
+        if not isinstance(operator, StencilForce):
             return BondsAtRest(operator), constraints, load
         return LinearForce(self._at_rest(operator)), constraints, load
 
     def stiffness(self, params: Params | None = None) -> Any:
         """Stiffness of the undeformed body, a `Tangent`."""
         operator, _, load = self.build(self.params if params is None else params)
-        if isinstance(operator, BondForce):
+        if not isinstance(operator, StencilForce):
             return operator.tangent(jnp.zeros_like(load))
         return self._at_rest(operator)
 
-    def _at_rest(self, operator: StencilForce) -> FFTTangent | LatticeTangent:
+    def _at_rest(self, operator: StencilForce) -> Any:
+        if operator.scale is not None:  # every bond is another: blocks a bond
+            return operator.tangent(jnp.zeros(self.X.shape, operator.scale.dtype))
         rest = operator.rest()
         self._check_separation()
         if self.spec.operator == "stencil" and self.spec.kinematics == "small":
@@ -236,6 +210,12 @@ class Problem:
                 "solver: 'spectral' and 'multigrid' are for lattices with the operator "
                 f"'stencil' or 'fft', not {self.spec.operator!r}; use 'amg'"
             )
+        if self.spec.correction in DIRECTIONAL:
+            raise ValueError(
+                "solver: 'spectral' and 'multigrid' need bonds that are alike, and the "
+                f"correction {self.spec.correction!r} makes each its own; use 'd-pcg', "
+                "'amg' or 'direct', or correction='lattice'"
+            )
         operator, _, _ = self.build(jax.tree.map(np.asarray, self.params))
         assert isinstance(operator, StencilForce)
         return jax.tree.map(np.asarray, operator.rest())
@@ -261,16 +241,6 @@ def _energy(problem: Problem, u: PointVector, params: Params) -> PointScalar:
     if not hasattr(operator.law, "energy"):
         return jnp.full(len(u), jnp.nan)
     return operator.energy_per_point(u)
-
-
-def separate(family: GridFamily, params: Params, correction: str) -> dict[str, Any]:
-    """How the volume correction of a lattice is separated: fields of a `Spec`."""
-    cuts = {"cuts": int(family.cut.shape[1])}
-    if correction == "none":
-        return cuts
-    v = relative_volumes(family, params["delta"], params["dx"], "lattice")
-    boxes = rim_boxes(family)
-    return cuts | {"pivots": pivots(np.asarray(v)), "patches": boxes}
 
 
 @jax.jit

@@ -94,14 +94,14 @@ def _relax(motion, loads, moves, rtol, max_steps):
     dtype = jnp.dtype(motion.course.dtype)
     load = sum((f * x for f, x in zip(loads, drive.loads, strict=True)), start=0.0)
     load = jnp.broadcast_to(load, drive.loads.shape[1:]).astype(dtype)
-    u = op.lay(jnp.asarray(params["u0"], dtype))
+    u: Any = op.lay(jnp.asarray(params["u0"], dtype))
     if drive.fixed is not None:
         to = sum(f * x for f, x in zip(moves, drive.moves, strict=True))
         u = jnp.where(drive.fixed, to, u)
     blocks = op.diagonal(history)
     # u.K u <= 2 sum u_i.K_ii u_i, and the trace is above the largest eigenvalue
     trace = jnp.trace(blocks, axis1=1, axis2=2)
-    mass = op.lay(0.5 * SPARE * trace).astype(dtype)
+    mass: Any = op.lay(0.5 * SPARE * trace).astype(dtype)
     mass = jnp.where(mass > 0.0, mass, 1.0)
     u, history, steps, log = relax(
         op, mass, load, drive.fixed, u, history, rtol, max_steps

@@ -141,9 +141,9 @@ class Bonds:
             `jaxpd.physics.Influence`.
         partial: volume of neighbours at the rim of the horizon, "none", "linear" or
             "continuous"; see `jaxpd.geometry.family.find`.
-        correction: surface correction, "none", "lattice" or "analytic"; see
-            `jaxpd.discretize.surface`. None is "lattice" on a lattice, "analytic" on
-            points from elsewhere.
+        correction: surface correction, "none", "lattice", "analytic", "energy", "force
+            density" or "fictitious"; see `jaxpd.discretize.surface`. None is "lattice"
+            on a lattice, "analytic" on points from elsewhere.
         nodes: "edge" or "cell"; see `jaxpd.geometry.lattice`.
         layers: (below, above) layers of points outside the body, per axis. None puts
             m - 1 layers outside each face that lies on the plane of a half-space

@@ -5,6 +5,7 @@ from jaxpd.operators.constraints import Constraints, fix
 from jaxpd.operators.fft import FFTTangent, convolution, pivots
 from jaxpd.operators.lattice import LatticeTangent
 from jaxpd.operators.protocol import ForceOperator, Tangent
+from jaxpd.operators.pulled import Pulled, PulledTangent
 from jaxpd.operators.rest import BondsAtRest, LinearForce
 from jaxpd.operators.stencil import StencilForce
 
@@ -17,6 +18,8 @@ __all__ = [
     "ForceOperator",
     "LatticeTangent",
     "LinearForce",
+    "Pulled",
+    "PulledTangent",
     "StencilForce",
     "Tangent",
     "assemble",

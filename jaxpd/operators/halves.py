@@ -75,6 +75,10 @@ class HalfForce:
         """How the lattice is laid out."""
         return row_of(self.family.shape, self.family.offsets)
 
+    def plain(self) -> Any:
+        """The same without the hand-derived rule, for forward mode."""
+        return dataclasses.replace(self, reverse=False)
+
     def lay(self, values: Any) -> jax.Array:
         """Nodal values [n] or [n, d] as this operator keeps them."""
         return self.row.lay(values)

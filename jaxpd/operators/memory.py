@@ -33,6 +33,10 @@ class MemoryForce:
     bonds: BondForce
     share: BondScalar
 
+    def plain(self) -> MemoryForce:
+        """Itself: its derivatives are plain AD."""
+        return self
+
     def lay(self, values: Any) -> jax.Array:
         """Nodal values [n] or [n, d] as this operator keeps them: [n] or [d, n]."""
         return jnp.asarray(values).T

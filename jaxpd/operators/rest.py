@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxpd._types import PointVector
 from jaxpd.operators.bonds import BondForce
 from jaxpd.operators.protocol import Tangent
+from jaxpd.operators.pulled import Pulled
 
 
 @jax.tree_util.register_dataclass
@@ -55,10 +56,10 @@ class BondsAtRest:
     blocks and none of their derivatives.
 
     Attributes:
-        bonds: the bonds.
+        bonds: the bonds, on more points than the body's where pulled.
     """
 
-    bonds: BondForce
+    bonds: BondForce | Pulled
 
     unit, linear = "N", True
 

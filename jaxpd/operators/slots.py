@@ -77,6 +77,10 @@ class SlotForce:
     place: jax.Array
     reverse: bool = field(metadata={"static": True}, default=True)
 
+    def plain(self) -> Any:
+        """The same without the hand-derived rule, for forward mode."""
+        return dataclasses.replace(self, reverse=False)
+
     def lay(self, values: Any) -> jax.Array:
         """Nodal values [n] or [n, d] as this operator keeps them: [n] or [d, n]."""
         return jnp.asarray(values)[self.order].T

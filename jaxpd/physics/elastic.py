@@ -77,6 +77,17 @@ def dilation_energy(E: Scalar, nu: float | None, state: str) -> Scalar:
     return 1.5 * E / (1.0 - 2.0 * nu)
 
 
+def confined_modulus(E: Scalar, nu: float | None, state: str) -> Scalar:
+    """Stress over strain C_1111 (Pa) along an axis, all other strains zero."""
+    if state == "bar":
+        return E
+    if nu is None:
+        raise ValueError(f"nu: None; {state} needs a Poisson's ratio")
+    if state == "plane stress":
+        return E / (1.0 - nu**2)
+    return E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+
+
 def stiffness(E: Scalar, nu: float, state: str):
     """Stiffness in Voigt notation [1, 1], [3, 3] or [6, 6] (Pa), engineering shear."""
     if state == "bar":

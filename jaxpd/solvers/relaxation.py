@@ -32,7 +32,7 @@ def relax(
     history: Any,
     rtol: Any,
     max_steps: Any,
-) -> tuple[jax.Array, Any, jax.Array, jax.Array]:
+) -> tuple[Any, ...]:
     """Displacements in equilibrium; the bonds may break on the way.
 
     Args:

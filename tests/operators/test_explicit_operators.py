@@ -113,7 +113,7 @@ def test_the_hand_derived_rule_is_plain_ad_of_the_sweep(motions, kind):
     def both(motion, u, E, alpha, ct, history):
         def power(u, E, alpha, reverse):
             op = motion.operator(motion.params | {"E": E, "alpha": alpha})
-            op = dataclasses.replace(op, reverse=reverse)
+            op = op if reverse else op.plain()
             return jnp.sum(op.commit(op.lay(u), history)[0] * op.lay(ct))
 
         return [jax.grad(power, (0, 1, 2))(u, E, alpha, rule) for rule in (True, False)]
