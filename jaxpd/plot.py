@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxpd.geometry import Box
+from jaxpd.record import Run
 from jaxpd.run import Solution
 
 if TYPE_CHECKING:
@@ -98,4 +99,57 @@ def residual_histories(
         axes.axhline(rtol, color="0.6", linestyle=":", linewidth=1)
     axes.locator_params(axis="x", integer=True)
     axes.set(xlabel="iteration", ylabel="relative residual")
+    axes.legend(frameon=False)
+
+
+def frames(
+    run: Run, times: Sequence[float] = (), *, scale: float = 1.0, columns: int = 3
+) -> Figure:
+    """A panel of damage a frame, and one of the energies over time.
+
+    Args:
+        run: a 2-D run with frames.
+        times: of the frames (s), the nearest are drawn; five evenly spread by default.
+        scale: displacements are enlarged by this.
+        columns: of panels.
+
+    Raises:
+        ValueError: if the run is not 2-D, or kept no frames.
+    """
+    X, kept = np.asarray(run.X), run.frames["t"]
+    if X.shape[1] != 2 or len(kept) == 0:
+        raise ValueError(
+            f"run: {len(kept)} frames of a {X.shape[1]}-D body; frames() draws 2-D runs"
+            " of run_explicit(.., frames=..)"
+        )
+    wanted = times or np.linspace(kept[0], kept[-1], 6)[1:]
+    chosen = [int(np.argmin(np.abs(kept - t))) for t in wanted]
+    rows = -(-(len(chosen) + 1) // columns)
+    width, height = np.ptp(X, axis=0)
+    panel = max(1.6, 3.6 * height / width)
+    figure = new_figure(rows, columns, 4.0 * columns, (panel + 0.6) * rows)
+    panels = figure.axes
+    # square markers as wide as the points are apart on a panel of 3.4 inches
+    size = (3.4 * 72.0 / width) ** 2 * width * height / len(X)
+    for axes, k in zip(panels, chosen, strict=False):
+        x = X + scale * run.frames["u"][k]
+        phi = run.frames["damage"][k]
+        order = np.argsort(phi)  # damage on top
+        dots = axes.scatter(
+            *x[order].T, s=size, c=phi[order], vmin=0, vmax=0.6, marker="s", lw=0
+        )
+        axes.set(aspect="equal", title=f"{kept[k] * 1e6:.3g} us")
+        axes.tick_params(labelsize=7)
+    figure.colorbar(dots, ax=panels[: len(chosen)], label="damage", shrink=0.6)
+    energies(run, panels[len(chosen)])
+    for axes in panels[len(chosen) + 1 :]:
+        axes.set_axis_off()
+    return figure
+
+
+def energies(run: Run, axes: Axes) -> None:
+    """Draw the energies of a run over time."""
+    for name in ("work", "kinetic", "elastic", "released"):
+        axes.plot(run.t * 1e6, getattr(run, name), label=name)
+    axes.set(xlabel="time (us)", ylabel="energy (J)")
     axes.legend(frameon=False)

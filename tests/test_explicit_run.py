@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxpd
+import jaxpd.plot
 from jaxpd import io
 from jaxpd.schedule import STEADY
 
@@ -78,6 +79,16 @@ def test_frames_become_a_series_of_vtu_files(torn, tmp_path):
     assert all(file.name in listed for file in files)
     with pytest.raises(ValueError, match="frames="):
         io.write_series(tmp_path / "none", np.zeros((1, 2)), np.zeros(0), {})
+
+
+def test_a_run_is_drawn_panel_by_panel(torn):
+    figure = jaxpd.plot.frames(torn, scale=5.0)
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[0] == "1 us"
+    assert titles[4] == "6 us"
+    none = dataclasses.replace(torn, frames={k: x[:0] for k, x in torn.frames.items()})
+    with pytest.raises(ValueError, match="0 frames"):
+        jaxpd.plot.frames(none)
 
 
 KILLED = """
