@@ -162,6 +162,7 @@ class Motion:
                 scale=cast(bonds.scale),
                 share=cast(share),
                 family=family,
+                breaks=self.course.breaks,
             )
         delta, family = bonds.delta, self.problem.family
         assert isinstance(family, Family)
@@ -194,12 +195,12 @@ class Motion:
             c = law.c if jnp.ndim(law.c) == 0 else law.c[order]
             c = c if jnp.ndim(c) == 0 else 0.5 * (c + c[nbr])
             r = jnp.sqrt(jnp.sum(xi * xi, axis=1))
-            return xi.T, weight * c * law.omega(r)
+            return xi.T, r, weight * c * law.omega(r)
 
-        xi, stiff = jax.lax.map(of, (nbr, bonds.weight[:, order]))
+        xi, r, stiff = jax.lax.map(of, (nbr, bonds.weight[:, order]))
         s = s_crit if jnp.ndim(s_crit) == 0 else s_crit[order]
-        xi, stiff, s, share = cast((xi, stiff, s, share[:, order]))
-        return SlotForce(nbr, xi, stiff, s, share, order, place)
+        xi, r, stiff, s, share = cast((xi, r, stiff, s, share[:, order]))
+        return SlotForce(nbr, xi, r, stiff, s, share, order, place, self.course.breaks)
 
     def build(self, params: Params) -> tuple[Any, Drive]:
         """Operator and drive of the given parameters.

@@ -56,6 +56,7 @@ class HalfForce:
         scale: factor of every bond [k, n] (-), at its first end, or None.
         share: share of a neighbour's volume within the horizon [k] (-), for damage.
         family: the bonds, none cut.
+        breaks: whether bonds can break; else bits stay as they are.
         reverse: whether reverse mode uses the hand-derived rule; forward mode and
             second derivatives need the plain path.
     """
@@ -68,6 +69,7 @@ class HalfForce:
     scale: BondScalar | None
     share: jax.Array
     family: GridFamily
+    breaks: bool = field(metadata={"static": True}, default=True)
     reverse: bool = field(metadata={"static": True}, default=True)
 
     @property
@@ -156,8 +158,10 @@ class HalfForce:
                 eta = [far(x) - x[: S + L] for x in U]
                 p = sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
                 l2 = r * r + p
+                live = (word >> number) & 1 != 0
                 limit = r * (shared if q is None else 0.5 * (far(q) + q[: S + L]))
-                live = ((word >> number) & 1 != 0) & (l2 <= limit * limit)
+                if self.breaks:
+                    live &= l2 <= limit * limit
                 top, below = k * p, l2 + r * jnp.sqrt(l2)
                 if c is not None:
                     top = top * (0.5 * (far(c) + c[: S + L]))
@@ -178,12 +182,14 @@ class HalfForce:
                     sum_ = sum_ + F[g, S:] * (xi[g, a] + (later - own))
                     sum_ = sum_ - pulled * (xi[g, a] + (own - before))
                 total.append(sum_)
+            if not self.breaks:
+                return tuple(total), None
             kept: Any = sum((F[g] != 0).astype(jnp.uint8) << g for g in range(G))
             return tuple(total), kept
 
         zero = tuple(jnp.zeros(L, dtype) for _ in range(d))
-        force, bits = lax.scan(add, zero, (bits, self.items()))
-        return jnp.stack(force), bits
+        force, after = lax.scan(add, zero, (bits, self.items()))
+        return jnp.stack(force), after if self.breaks else bits
 
     def _sweep(self, bits: jax.Array, measure: Callable[..., Any], size: int) -> Any:
         """Sums over the bonds of every point of one measure: [size, length].

@@ -11,6 +11,7 @@ Both directions of a bond see the same numbers, so they break in the same step.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,14 +39,20 @@ def curve(X: NDArray[np.floating]) -> NDArray[np.int32]:
 
 def _far(columns: list[jax.Array], nbr: jax.Array) -> list[jax.Array]:
     """Columns at the neighbours, two at a time."""
+    return _parted([gather(pair, nbr) for pair in _paired(columns)])
+
+
+def _paired(columns: list[jax.Array]) -> list[jax.Array]:
+    """Columns, two at a time as one complex number."""
     pairs = [columns[a : a + 2] for a in range(0, len(columns), 2)]
+    return [jax.lax.complex(*p) if len(p) == 2 else p[0] for p in pairs]
+
+
+def _parted(pairs: Sequence[jax.Array]) -> list[jax.Array]:
+    """The columns of pairs."""
     found = []
     for pair in pairs:
-        if len(pair) == 1:
-            found.append(gather(pair[0], nbr))
-            continue
-        both = gather(jax.lax.complex(*pair), nbr)
-        found += [both.real, both.imag]
+        found += [pair.real, pair.imag] if jnp.iscomplexobj(pair) else [pair]
     return found
 
 
@@ -60,21 +67,25 @@ class SlotForce:
     Attributes:
         nbr: neighbour indices [k, n], the point itself where padded.
         xi: bond vectors [k, d, n] (m).
+        r: their lengths [k, n] (m).
         stiff: weight times c omega(r) of every bond [k, n] (N/m).
         s_crit: critical stretch [] or [n] (-), a bond takes the mean of its ends.
         share: volume of a neighbour within the horizon [k, n] (m^d), for damage.
         order: number of the point at every place [n].
         place: place of every point [n].
+        breaks: whether bonds can break; else flags stay as they are.
         reverse: whether reverse mode uses the hand-derived rule.
     """
 
     nbr: BondIndex
     xi: jax.Array
+    r: BondScalar
     stiff: BondScalar
     s_crit: Scalar | PointScalar
     share: BondScalar
     order: jax.Array
     place: jax.Array
+    breaks: bool = field(metadata={"static": True}, default=True)
     reverse: bool = field(metadata={"static": True}, default=True)
 
     def plain(self) -> Any:
@@ -104,21 +115,22 @@ class SlotForce:
         columns = list(u)
 
         def add(force, slot):
-            nbr, xi, k, flag = slot
+            nbr, xi, r, k, flag = slot
             eta = [b - a for a, b in zip(columns, _far(columns, nbr), strict=True)]
-            r2 = sum(x * x for x in xi)
             p = sum(e * (e + 2.0 * x) for e, x in zip(eta, xi, strict=True))
-            r, l2 = jnp.sqrt(r2), r2 + p
-            limit = self._limit(r, nbr)
-            flag = flag & (l2 <= limit * limit)
+            l2 = r * r + p
+            if self.breaks:
+                limit = self._limit(r, nbr)
+                flag = flag & (l2 <= limit * limit)
             F = jnp.where(flag, k * p / (l2 + r * jnp.sqrt(l2)), 0.0)
-            y = [x + e for x, e in zip(xi, eta, strict=True)]
-            return tuple(f + F * x for f, x in zip(force, y, strict=True)), flag
+            pull = _paired([F * (x + e) for x, e in zip(xi, eta, strict=True)])
+            return tuple(f + x for f, x in zip(force, pull, strict=True)), flag
 
-        zero = tuple(jnp.zeros_like(x) for x in columns)
-        slots = (self.nbr, self.xi, self.stiff, flags)
-        force, flags = jax.lax.scan(add, zero, slots)
-        return jnp.stack(force), flags
+        # XLA makes every output of a sweep from the start: two components are one
+        zero = tuple(_paired([jnp.zeros_like(x) for x in columns]))
+        slots = (self.nbr, self.xi, self.r, self.stiff, flags)
+        force, after = jax.lax.scan(add, zero, slots)
+        return jnp.stack(_parted(force)), after if self.breaks else flags
 
     def pull_back(
         self, u: jax.Array, flags: jax.Array, ct: jax.Array
@@ -130,14 +142,13 @@ class SlotForce:
         columns, d = [*u, *ct], len(u)
 
         def add(ubar, slot):
-            nbr, xi, k, flag = slot
+            nbr, xi, r, k, flag = slot
             far = _far(columns, nbr)
             y = [x + b - a for x, a, b in zip(xi, columns, far[:d], strict=False)]
             D = [a - b for a, b in zip(columns[d:], far[d:], strict=True)]
             eta = [b - a for a, b in zip(columns, far[:d], strict=False)]
-            r2 = sum(x * x for x in xi)
             p = sum(e * (e + 2.0 * x) for e, x in zip(eta, xi, strict=True))
-            r, l2 = jnp.sqrt(r2), r2 + p
+            l2 = r * r + p
             length = jnp.sqrt(l2)
             power = sum(a * b for a, b in zip(D, y, strict=True))
             live = jnp.where(flag, 1.0, 0.0).astype(k.dtype)
@@ -149,7 +160,7 @@ class SlotForce:
             return ubar, 0.5 * F * power
 
         zero = tuple(jnp.zeros_like(x) for x in u)
-        slots = (self.nbr, self.xi, self.stiff, flags)
+        slots = (self.nbr, self.xi, self.r, self.stiff, flags)
         ubar, stiffbar = jax.lax.scan(add, zero, slots)
         return jnp.stack(ubar), stiffbar
 
@@ -161,31 +172,29 @@ class SlotForce:
             return sums + jnp.where(flag, measure(*bond), 0.0), None
 
         zero = jnp.zeros((size, self.nbr.shape[1]), self.stiff.dtype)
-        slots = (self.nbr, self.xi, self.stiff, self.share, flags)
+        slots = (self.nbr, self.xi, self.r, self.stiff, self.share, flags)
         return jax.lax.scan(add, zero, slots)[0]
 
     def energy(self, u: jax.Array, flags: jax.Array) -> jax.Array:
         """Stored energy of each point [n] (J): half of that of its bonds."""
         columns = list(u)
 
-        def measure(nbr, xi, k, share):
+        def measure(nbr, xi, r, k, share):
             eta = [b - a for a, b in zip(columns, _far(columns, nbr), strict=True)]
-            r2 = sum(x * x for x in xi)
             p = sum(e * (e + 2.0 * x) for e, x in zip(eta, xi, strict=True))
-            e = p / (jnp.sqrt(r2 + p) + jnp.sqrt(r2))
+            e = p / (jnp.sqrt(r * r + p) + r)
             return (0.25 * k * e * e)[None]
 
         return self._sweep(flags, measure, 1)[0]
 
     def intact(self, flags: jax.Array) -> jax.Array:
         """Volume of the intact bonds of each point [n] (m^d)."""
-        return self._sweep(flags, lambda nbr, xi, k, share: share[None], 1)[0]
+        return self._sweep(flags, lambda nbr, xi, r, k, share: share[None], 1)[0]
 
     def released(self, flags: jax.Array, flags0: jax.Array) -> jax.Array:
         """Energy [] (J) of the bonds that have broken, each k (r s_crit)^2 / 2."""
 
-        def measure(nbr, xi, k, share):
-            r = jnp.sqrt(sum(x * x for x in xi))
+        def measure(nbr, xi, r, k, share):
             return (0.25 * k * (self._limit(r, nbr) - r) ** 2)[None]
 
         return jnp.sum(self._sweep(flags0 & ~flags, measure, 1))
@@ -195,8 +204,8 @@ class SlotForce:
         d = self.xi.shape[1]
         pairs = index_pairs(d)
 
-        def measure(nbr, xi, k, share):
-            k = k / sum(x * x for x in xi)
+        def measure(nbr, xi, r, k, share):
+            k = k / (r * r)
             return jnp.stack([k * xi[a] * xi[b] for a, b in pairs])
 
         return full_blocks(self.pick(self._sweep(flags, measure, len(pairs))), d)
