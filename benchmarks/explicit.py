@@ -338,7 +338,7 @@ def main() -> None:
     )
     most = f"{cost['stored bytes'] / 1e6:.0f} MB with every state kept "
     report.notes.append(
-        f"gradient in a modulus field, {cost['field'] / cost['run']:.2f} times the run, "
+        f"gradient in a field, {cost['field'] / cost['run']:.2f} times the run, "
         f"{cost['field bytes'] / 1e6:.0f} MB against {most}"
         f"({cost['stored'] / cost['run']:.2f} times the run) and "
         f"{cost['run bytes'] / 1e6:.1f} MB of the run; compiled in "
