@@ -30,7 +30,8 @@ import jaxpd
 from jaxpd.geometry import find, find_on_grid, from_points, lattice
 from jaxpd.geometry.grid_family import inside
 from jaxpd.launch import longest_dt
-from jaxpd.operators.halves import HalfForce, start_bits
+from jaxpd.operators.halves import HalfForce
+from jaxpd.operators.row import start_bits
 from jaxpd.operators.slots import SlotForce, curve
 from jaxpd.solvers.explicit import Drive, State, begin, verlet
 
@@ -41,7 +42,7 @@ HEAD = ("case", "dtype", "peer", "G bonds/s", "ours over it", "compile cpu-s", "
 
 def idle(steps: int) -> Any:
     """No loads, no moves."""
-    return (np.zeros((steps, 0)), np.zeros((steps, 0)), np.zeros((steps, 0)))
+    return (np.zeros((steps, 0)),) * 4
 
 
 class Ours:

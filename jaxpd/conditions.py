@@ -58,6 +58,11 @@ def _components(x: Any, y: Any, z: Any, what: str) -> tuple[Any, Any, Any]:
     return x, y, z
 
 
+def _check_time(time: Any) -> None:
+    if not isinstance(time, Table):
+        raise ValueError(f"time: {time!r} must be a ramp(..) or a table(..)")
+
+
 def moves(
     region: Region,
     *,
@@ -67,6 +72,7 @@ def moves(
     time: Table = ALWAYS,
 ) -> Support:
     """Prescribe displacements (m) in a region; components left out stay free."""
+    _check_time(time)
     parts = _components(x, y, z, "prescribed displacements")
     if parts == (None, None, None):
         raise ValueError("x: moves() needs at least one of x, y, z")
@@ -101,6 +107,7 @@ def body_force(
     time: Table = ALWAYS,
 ) -> Load:
     """A body force density (N/m^3) in a region."""
+    _check_time(time)
     return Load(region, _components(x, y, z, "loads"), "density", time)
 
 
@@ -113,6 +120,7 @@ def pull(
     time: Table = ALWAYS,
 ) -> Load:
     """A resultant force (N), spread over a region in proportion to volume."""
+    _check_time(time)
     return Load(region, _components(x, y, z, "loads"), "resultant", time)
 
 
@@ -135,6 +143,7 @@ def traction(
     """
     if not isinstance(face, HalfSpace):
         raise ValueError(f"face: {face!r} must be a half-space, as above(y=0.02)")
+    _check_time(time)
     return Load(face, _components(x, y, z, "tractions"), "traction", time)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
+import re
 import sys
 import time
 from collections.abc import Iterator
@@ -21,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd import io
-from jaxpd.launch import longest_dt, prepare_motion
+from jaxpd.launch import longest_dt, prepared
 from jaxpd.motion import Motion
 from jaxpd.record import Run, amiss
 from jaxpd.run import peak_memory
@@ -107,10 +108,11 @@ def run_explicit(
             folder of another run.
     """
     started = time.perf_counter()
-    motion = scene if isinstance(scene, Motion) else prepare_motion(scene, **options)
-    if not duration > 0 or records < 1:
+    motion = prepared(scene, options)
+    if not 0 < duration < math.inf or records < 1 or int(records) != records:
         raise ValueError(
-            f"duration, records: {duration}, {records} must both be positive"
+            f"duration: {duration} must be positive and finite (s), records: {records} "
+            "a whole number of at least 1"
         )
     if frames < 0 or (frames and records % frames):
         raise ValueError(f"frames: {frames} must divide records = {records}, or be 0")
@@ -156,6 +158,8 @@ def run_explicit(
 
     def take(r: int) -> None:
         row = _row(r * every * dt, _record(op, drive, state, history0, x0))
+        if log["t"]:  # work is added up here, in 64 bits
+            row["work"] = row["work"] + log["work"][-1]
         for name, value in row.items():
             log.setdefault(name, []).append(value)
         if _framed(r, records, frames):
@@ -169,8 +173,13 @@ def run_explicit(
 
     if not log["t"]:
         take(0)
+    stopped = amiss(log, op, state, motion, dt, longest)
+    if stopped:
+        records = done
+    idle = jnp.zeros_like(state.work)
     for r in _bar(range(done, records), records, progress):
         factors = motion.course.factors(dt, r * every, every)
+        state = dataclasses.replace(state, work=idle)
         state = jax.block_until_ready(compiled(op, drive, state, dt, factors))
         take(r + 1)
         stopped = amiss(log, op, state, motion, dt, longest)
@@ -237,7 +246,9 @@ def _mark(motion: Motion, *numbers: float) -> str:
     """Whose checkpoint it is: a digest of all that the run depends on."""
     digest = hashlib.sha256()
     leaves, tree = jax.tree.flatten(motion)
-    for word in (str(tree), *map(repr, numbers)):
+    # functions print where they lie in memory
+    words = re.sub(r" at 0x[0-9a-f]+", "", str(tree))
+    for word in (words, *map(repr, numbers)):
         digest.update(word.encode())
     for leaf in leaves:
         array = np.ascontiguousarray(leaf)

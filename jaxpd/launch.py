@@ -8,12 +8,13 @@ import jax
 import numpy as np
 
 from jaxpd.body import cloud_of, free_faces, loads_on, starts_on, supports_on
+from jaxpd.course import Course
 from jaxpd.discretize import beyond_faces
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
-from jaxpd.motion import Course, Motion
-from jaxpd.operators.halves import start_bits
+from jaxpd.geometry.crack import check_dimension
+from jaxpd.motion import Motion
 from jaxpd.operators.pulled_motion import PulledMotion
-from jaxpd.operators.row import row_of
+from jaxpd.operators.row import row_of, start_bits
 from jaxpd.operators.slots import curve
 from jaxpd.physics.damage import Brittle, Softening
 from jaxpd.prepare import correction_of, model_of
@@ -74,7 +75,11 @@ def prepare_motion(
     X, vol, delta = np.asarray(cloud.X), np.asarray(cloud.vol), resolution.horizon
     model, params = model_of(scene)
     if not elastic and not hasattr(params["law"], "advance"):
-        params["law"] = Brittle(params["law"], np.asarray(material.s_crit, X.dtype))
+        s_crit = np.where(_unbreakable(scene, X), np.inf, material.s_crit)
+        s_crit = s_crit if scene.no_fail else np.asarray(material.s_crit)
+        params["law"] = Brittle(params["law"], s_crit.astype(X.dtype))
+    elif not elastic and scene.no_fail:
+        raise ValueError("no_fail: a law with a memory of its own says what fails")
     correction = correction_of(scene, cloud)
     beyond = correction == "fictitious"
     kind = _kind(operator, cloud.regular and not beyond, elastic, softening)
@@ -118,8 +123,8 @@ def prepare_motion(
     if breaks:
         params["G0"] = np.asarray(material.G0, X.dtype)
     no_fail = None
-    if scene.no_fail:
-        no_fail = np.any([r.contains(X) for r in scene.no_fail], axis=0)
+    if scene.no_fail and breaks:
+        no_fail = _unbreakable(scene, X)
     order = curve(points) if kind == "slots" else None
     course = Course(kind, breaks, softening, loads, moves, dtype)
     cut = _cut(scene, cloud, points, family, delta)
@@ -128,6 +133,26 @@ def prepare_motion(
         _memory(family, x, order, kind, law.start, dtype) for x in (cut, None)
     )
     return Motion(problem, params, fixed, begin, untouched, vol, no_fail, order, course)
+
+
+def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
+    """The motion of a scene, or the one given, which takes no options any more."""
+    if not isinstance(scene, Motion):
+        return prepare_motion(scene, **options)
+    if options:
+        raise ValueError(f"{', '.join(options)}: are for prepare_motion, done already")
+    return scene
+
+
+def _unbreakable(scene: Scene, X: np.ndarray) -> np.ndarray:
+    """Mask of the points whose bonds never break [n]."""
+    found = np.zeros(len(X), bool)
+    for region in scene.no_fail:
+        inside = region.contains(X)
+        if not inside.any():
+            raise ValueError(f"no_fail: no point lies in {region}")
+        found |= inside
+    return found
 
 
 def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> str:
@@ -159,6 +184,7 @@ def _cut(scene: Scene, cloud: Cloud, X: Any, family: Any, delta: float) -> Any:
     nbr = np.asarray(family.nbr)
     here = np.arange(len(X), dtype=np.int32)
     cut = np.zeros(nbr.shape, bool)
+    check_dimension(scene.cracks, X.shape[1])
     for crack in scene.cracks:
         for row, hit in zip(nbr, cut, strict=True):
             hit |= crack.cuts(X, here, row)
@@ -184,8 +210,8 @@ def _memory(
 def longest_dt(motion: Motion) -> float:
     """A time step (s) that is stable, surface corrections included; host.
 
-    See `jaxpd.solvers.explicit.stable_dt`: at rest and for bonds whose tangent does not
-    grow with their stretch, as those of `Elastic`. With fictitious points, whose bound
+    See `jaxpd.solvers.explicit.stable_dt`: of the undeformed body. Large stretches, and
+    laws that grow stiffer, shorten the true step. With fictitious points, whose bound
     is loose, 0.95 of the step that SciPy's Lanczos process finds, where that is longer.
     """
     op, drive = jax.jit(Motion.build)(motion, motion.params)

@@ -22,8 +22,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.course import Course
 from jaxpd.discretize.extension import Extension
 from jaxpd.geometry.family import Family, partial_volumes
 from jaxpd.geometry.grid_family import offset_lengths, offset_shares
@@ -34,43 +36,7 @@ from jaxpd.operators.pulled_motion import PulledMotion
 from jaxpd.operators.slots import SlotForce
 from jaxpd.physics.damage import Brittle, Softening, critical_stretch
 from jaxpd.problem import Params, Problem
-from jaxpd.schedule import Table
 from jaxpd.solvers.explicit import Drive, State, begin, verlet
-
-#: Kinds of operators of motion, see `jaxpd.operators.protocol`.
-KINDS = ("halves", "slots", "memory")
-
-
-@dataclass(frozen=True)
-class Course:
-    """What of a motion is known when it is traced; hashable.
-
-    Attributes:
-        kind: one of `KINDS`.
-        breaks: whether bonds of an elastic material have a critical stretch.
-        softening: width of the smoothed law over s_crit, or None.
-        loads: histories of the loads.
-        moves: histories of the prescribed displacements.
-        dtype: "float32" or "float64".
-    """
-
-    kind: str
-    breaks: bool
-    softening: float | None
-    loads: tuple[Table, ...]
-    moves: tuple[Table, ...]
-    dtype: str
-
-    def factors(self, dt: float, first: int, steps: int) -> tuple[Any, Any, Any]:
-        """Factors of `jaxpd.solvers.explicit.verlet`, in 64 bits on the host."""
-        t = dt * (first + np.arange(steps + 1))
-        load, move = (
-            np.stack([table(t) for table in tables], axis=1)
-            if tables
-            else np.zeros((len(t), 0))
-            for tables in (self.loads, self.moves)
-        )
-        return load[:-1], load[1:], np.diff(move, axis=0)
 
 
 @jax.tree_util.register_dataclass
@@ -166,15 +132,17 @@ class Motion:
             )
         delta, family = bonds.delta, self.problem.family
         assert isinstance(family, Family)
+        vol = jnp.asarray(vol)
         share = partial_volumes(bonds.X, vol, family, delta)
-        share = jax.lax.map(
-            lambda slot: slot[1] * jnp.asarray(vol)[slot[0]], (family.nbr, share)
-        )
+        share = jax.lax.map(lambda slot: slot[1] * vol[slot[0]], (family.nbr, share))
         if self.course.kind == "slots":
             return self._slots(bonds, s_crit, share, cast)
         law = bonds.law
         if self.course.softening is not None:
-            law = Softening(law, jnp.asarray(s_crit), self.course.softening)
+            width = self.course.softening
+            # so that it costs G0, see Softening
+            s_soft = jnp.asarray(s_crit) / (1.0 + width**2 / 9.0) ** 0.5
+            law = Softening(law, s_soft, width)
         elif not hasattr(law, "advance"):
             law = Brittle(law, jnp.asarray(s_crit))
         X, weight, law, delta, share = cast((bonds.X, bonds.weight, law, delta, share))
@@ -214,14 +182,21 @@ class Motion:
                 f"params: {odd} must be absent or given, as in motion.params | "
                 f"{{name: value}}; there are {sorted(self.params)}"
             )
+        n, d = self.X.shape
+        for name, default in self.params.items():
+            shape, usual = jnp.shape(params[name]), jnp.shape(default)
+            nodal = name in ("E", "rho", "G0") and shape in ((), (n,))
+            if name not in ("law", "omega") and shape != usual and not nodal:
+                raise ValueError(
+                    f"{name}: shape {shape} must be {usual}, as by default"
+                )
         op, dtype = self.operator(params), jnp.dtype(self.course.dtype)
 
         def lay(x, empty=None):
             return op.lay(jnp.asarray(x, dtype))
 
-        n, d = self.X.shape
         mass = op.lay(jnp.broadcast_to(jnp.asarray(params["rho"]), (n,)) * self.vol)
-        mass = jnp.where(mass > 0.0, mass, 1.0)  # empty places
+        mass = jnp.where(op.lay(np.ones(n)) > 0.0, mass, 1.0)  # empty places
         mass = jnp.asarray(mass, dtype)
         shape = (0, d, len(mass))
         loads = [lay(x) for x in params["load"]]
@@ -278,6 +253,8 @@ class Motion:
             u, v [n, d] at the end, and what was measured, [records, ...] each.
         """
         params = self.params if params is None else params
+        if isinstance(dt, Tracer):
+            raise ValueError("dt: a traced number; histories in time need a plain one")
         if not (dt > 0 and every > 0 and records > 0):
             raise ValueError(
                 f"dt, every, records: {dt}, {every}, {records} must all be positive"

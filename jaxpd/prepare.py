@@ -111,6 +111,10 @@ def prepare(
     }
     correction = correction_of(scene, cloud, operator)
     model, more = model_of(scene)
+    if hasattr(more.get("law"), "advance"):
+        raise ValueError(
+            "material: a law with a memory is for motion; see run_explicit"
+        )
     params |= more
     kernel = resolution.kernel
     symmetric = _is_symmetric(params.get("law"), scene.d)

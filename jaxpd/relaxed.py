@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointVector
-from jaxpd.launch import prepare_motion
+from jaxpd.launch import prepared
 from jaxpd.motion import Motion
 from jaxpd.scene import Scene
 from jaxpd.solvers.relaxation import SPARE, relax
@@ -72,17 +72,17 @@ def solve_relaxed(
     """
     if not (rtol > 0 and max_steps > 0):
         raise ValueError(f"rtol, max_steps: {rtol}, {max_steps} must both be positive")
-    motion = scene if isinstance(scene, Motion) else prepare_motion(scene, **options)
+    motion = prepared(scene, options)
     course = motion.course
     if any(table.rate != 0.0 for table in (*course.loads, *course.moves)):
         raise ValueError("supports: one of them never stops; use moves(), not drives()")
     end = [[t.factors[-1] for t in tables] for tables in (course.loads, course.moves)]
     tolerance = (rtol, max_steps)
-    u, damage, steps, log = _relax(motion, *map(tuple, end), *tolerance)
+    u, damage, steps, rest, log = _relax(motion, *map(tuple, end), *tolerance)
     residuals = np.asarray(log)[np.isfinite(np.asarray(log))]
-    good = len(residuals) == 0 or residuals[-1] <= rtol
+    good = float(rest) <= rtol
     status = Status.CONVERGED if good else Status.MAX_ITERATIONS
-    if not np.isfinite(np.asarray(u)).all():
+    if not (np.isfinite(float(rest)) and np.isfinite(np.asarray(u)).all()):
         status = Status.NOT_FINITE
     return Relaxed(motion, u, np.asarray(damage), int(steps), residuals, status)
 
@@ -103,10 +103,10 @@ def _relax(motion, loads, moves, rtol, max_steps):
     trace = jnp.trace(blocks, axis1=1, axis2=2)
     mass: Any = op.lay(0.5 * SPARE * trace).astype(dtype)
     mass = jnp.where(mass > 0.0, mass, 1.0)
-    u, history, steps, log = relax(
+    u, history, steps, rest, log = relax(
         op, mass, load, drive.fixed, u, history, rtol, max_steps
     )
     damage = 1.0 - op.pick(
         op.intact(history) / jnp.maximum(op.intact(motion.untouched), 1e-300)
     )
-    return op.pick(u), damage, steps, log
+    return op.pick(u), damage, steps, rest, log

@@ -49,7 +49,7 @@ class Elastic:
         """Refuse constants that no stable solid has."""
         elastic.check(self.E, self.nu, self.state)
         for name, value in (("rho", self.rho), ("G0", self.G0)):
-            if value is not None and not value > 0:
+            if value is not None and not np.all(np.asarray(value) > 0):
                 raise ValueError(f"{name}: {value} must be positive, or None")
 
 

@@ -13,7 +13,7 @@ import jaxpd
 PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
     "_types", "geometry", "physics", "discretize", "operators", "solvers", "schedule",
-    "conditions", "scene", "gallery", "body", "assembly", "problem", "prepare",
+    "course", "conditions", "scene", "gallery", "body", "assembly", "problem", "prepare",
     "motion", "launch", "run", "audit", "io", "record", "explicit", "relaxed",
     "crack_path", "plot", "gradcheck", "observe", "inverse", "descent", "fitting",
     "uncertainty",

@@ -82,6 +82,20 @@ class Crack:
         return inside
 
 
+def check_dimension(cracks: Sequence[Crack], d: int) -> None:
+    """Refuse cracks of another dimension than the points.
+
+    Raises:
+        ValueError: naming the crack and the cure.
+    """
+    for crack in cracks:
+        if len(crack.corner) != d:
+            raise ValueError(
+                f"cracks: {crack} is in {len(crack.corner)}-D and the points are in "
+                f"{d}-D; use segment() in 2-D, rectangle() in 3-D"
+            )
+
+
 def segment(a: Sequence[float], b: Sequence[float]) -> Crack:
     """A crack in 2-D from tip `a` to tip `b` (m).
 

@@ -41,7 +41,7 @@ from jaxpd._types import (
     namespace,
 )
 from jaxpd.geometry.cloud import Cloud, Lattice
-from jaxpd.geometry.crack import Crack
+from jaxpd.geometry.crack import Crack, check_dimension
 
 #: Relative widening of the horizon in the neighbour search, for 64-bit positions.
 HORIZON_TOLERANCE = 1e-9
@@ -113,12 +113,8 @@ def find(
         nbr = _tree_neighbours(X.astype(float), reach, rim)
         bulk = np.zeros(0)
     here = np.arange(cloud.n, dtype=np.int32)
+    check_dimension(cracks, cloud.d)
     for crack in cracks:
-        if len(crack.corner) != cloud.d:
-            raise ValueError(
-                f"cracks: {crack} is in {len(crack.corner)}-D and the points are in "
-                f"{cloud.d}-D; use segment() in 2-D, rectangle() in 3-D"
-            )
         for row in nbr:  # slot by slot: the masks stay small
             cut = crack.cuts(X, here, row)
             row[cut] = here[cut]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from jaxpd._types import namespace
 from jaxpd.geometry.cloud import Cloud, Lattice
-from jaxpd.geometry.crack import Crack
+from jaxpd.geometry.crack import Crack, check_dimension
 from jaxpd.geometry.family import HORIZON_TOLERANCE, PARTIAL_RULES, partial_volume
 
 
@@ -172,11 +172,7 @@ def without(family: GridFamily, bonds: NDArray[np.integer]) -> GridFamily:
 def _cut_by(crack: Crack, X: NDArray, family: GridFamily) -> NDArray[np.int32]:
     """(point, slot) of the bonds that a crack cuts; looks near its plane alone."""
     shape, d = family.shape, len(family.shape)
-    if len(crack.corner) != d:
-        raise ValueError(
-            f"cracks: {crack} is in {len(crack.corner)}-D and the points are in "
-            f"{d}-D; use segment() in 2-D, rectangle() in 3-D"
-        )
+    check_dimension([crack], d)
     reach = np.sqrt((family.steps**2).sum(axis=1).max()) * family.grid.dx * 1.001
     flat = X.reshape(-1, d)
     corners = np.asarray(crack.corner) + [

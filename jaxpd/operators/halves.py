@@ -3,9 +3,9 @@
 The lattice lies along one row with empty places between its lines, long enough for the
 longest step, so that a step along any axis is a shift of the row. Of every pair of
 opposite offsets one is swept. Offsets go in groups of up to 8, whose intact flags are
-the bits of one byte a point. Of each group the pull F over the bond vector is made
-first, and kept by an inner `lax.scan`, the only barrier that XLA respects; then both
-ends add up
+the bits of one byte a point. Of each group, bonds that are too long lose their bits
+first; then the pull F over the bond vector is made and kept by an inner `lax.scan`, the
+only barrier that XLA respects; then both ends add up
 
     force_i += F y,    force_j -= F y,    F = k (|y| - r) / |y|,    y = xi + u_j - u_i
 
@@ -29,16 +29,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from numpy.typing import NDArray
 
 from jaxpd._types import BondScalar, PointScalar, PointTensor, PointVector, Scalar
-from jaxpd.geometry.grid_family import GridFamily, inside
+from jaxpd.geometry.grid_family import GridFamily
 from jaxpd.operators.halves_rule import pull_back, slice_of
 from jaxpd.operators.lattice import full_blocks, index_pairs
 from jaxpd.operators.row import Row, row_of
-
-#: Added to the pull of an intact bond, so that none is exactly 0: the bits are F != 0.
-TINY = {"float32": 1e-36, "float64": 1e-290}
 
 
 @jax.tree_util.register_dataclass
@@ -128,7 +124,7 @@ class HalfForce:
         )
 
     def fields(self, dtype: Any) -> tuple[Any, Any, Any]:
-        """Nodal c, v and 1 + s_crit along the row with margins, or None."""
+        """Nodal c, v and s_crit along the row with margins, or None."""
         S = self.row.margin
 
         def long(x: Any, empty: float) -> Any:
@@ -137,31 +133,41 @@ class HalfForce:
             row = self.row.lay(jnp.asarray(x, dtype), empty)
             return jnp.pad(row, (S, S), constant_values=empty)
 
-        q = None if jnp.ndim(self.s_crit) == 0 else 1.0 + jnp.asarray(self.s_crit)
-        return long(self.c, 0.0), long(self.v, 1.0), long(q, 1.0)
+        s = None if jnp.ndim(self.s_crit) == 0 else self.s_crit
+        return long(self.c, 0.0), long(self.v, 1.0), long(s, 0.0)
 
-    def _commit(self, u: PointVector, bits: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _commit(self, u: PointVector, bits: jax.Array) -> tuple[jax.Array, Any]:
         row, d, dtype = self.row, u.shape[0], u.dtype
         S, L, G = row.margin, row.length, row.group
         U = [jnp.pad(x, (S, S)) for x in u]
-        c, v, q = self.fields(dtype)
-        tiny = jnp.asarray(TINY[jnp.dtype(dtype).name], dtype)
-        shared = 1.0 + jnp.asarray(self.s_crit, dtype) if q is None else None
+        c, v, s = self.fields(dtype)
+        shared = jnp.asarray(self.s_crit, dtype)
         numbers = jnp.arange(G, dtype=jnp.uint8)
 
         def add(force, item):
             word, (hop, xi, r, k, scale) = item
 
+            def growth(hop, xi):
+                """P = |y|^2 - r^2 of the bonds of one offset."""
+                eta = [slice_of(x, hop, S + L) - x[: S + L] for x in U]
+                return sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
+
+            if self.breaks:
+                kept = jnp.zeros_like(word)
+                for g in range(G):
+                    far = partial(slice_of, start=hop[g], size=S + L)
+                    limit = shared if s is None else 0.5 * (far(s) + s[: S + L])
+                    limit = r[g] * r[g] * limit * (2.0 + limit)
+                    short = growth(hop[g], xi[g]) <= limit
+                    kept |= short.astype(jnp.uint8) << g
+                word = word & kept
+
             def pull(_, one):
                 hop, xi, r, k, scale, number = one
                 far = partial(slice_of, start=hop, size=S + L)
-                eta = [far(x) - x[: S + L] for x in U]
-                p = sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
-                l2 = r * r + p
                 live = (word >> number) & 1 != 0
-                limit = r * (shared if q is None else 0.5 * (far(q) + q[: S + L]))
-                if self.breaks:
-                    live &= l2 <= limit * limit
+                p = jnp.where(live, growth(hop, xi), 0.0)  # no root of a loose pair
+                l2 = r * r + p
                 top, below = k * p, l2 + r * jnp.sqrt(l2)
                 if c is not None:
                     top = top * (0.5 * (far(c) + c[: S + L]))
@@ -169,7 +175,7 @@ class HalfForce:
                     below = below * (0.5 * (far(v) + v[: S + L]))
                 if scale is not None:
                     top = top * scale
-                return None, jnp.where(live, top / below + tiny, 0.0)
+                return None, top / below
 
             F: Any = lax.scan(pull, None, (hop, xi, r, k, scale, numbers))[1]
             total = []
@@ -182,10 +188,7 @@ class HalfForce:
                     sum_ = sum_ + F[g, S:] * (xi[g, a] + (later - own))
                     sum_ = sum_ - pulled * (xi[g, a] + (own - before))
                 total.append(sum_)
-            if not self.breaks:
-                return tuple(total), None
-            kept: Any = sum((F[g] != 0).astype(jnp.uint8) << g for g in range(G))
-            return tuple(total), kept
+            return tuple(total), word if self.breaks else None
 
         zero = tuple(jnp.zeros(L, dtype) for _ in range(d))
         force, after = lax.scan(add, zero, (bits, self.items()))
@@ -247,46 +250,28 @@ class HalfForce:
 
     def released(self, bits: jax.Array, bits0: jax.Array) -> jax.Array:
         """Energy [] (J) of the bonds that have broken, each k (r s_crit)^2 / 2."""
-        _, _, q = self.fields(self.stiff.dtype)
+        _, _, nodal = self.fields(self.stiff.dtype)
         shape = (1, self.row.margin + self.row.length)
 
         def measure(far, near, xi, r, k, slot):
-            s = self.s_crit if q is None else 0.5 * (far(q) + q[near]) - 1.0
+            s = self.s_crit if nodal is None else 0.5 * (far(nodal) + nodal[near])
             return jnp.broadcast_to(0.25 * k * (r * s) ** 2, shape)
 
         return jnp.sum(self._sweep(bits0 & ~bits, measure, 1))
 
     def diagonal(self, bits: jax.Array) -> PointTensor:
-        """Block diagonal [n, d, d] (N/m) of the stiffness at rest."""
+        """Block diagonal [n, d, d] (N/m) of the stiffness at rest, of |k|."""
         d = self.row.d
         pairs = index_pairs(d)
         shape = self.row.margin + self.row.length
 
         def measure(far, near, xi, r, k, slot):
             k = jnp.broadcast_to(k, (shape,))
+            k = jnp.abs(k)  # an upper bound where bonds push
             return jnp.stack([k * (xi[a] * xi[b] / (r * r)) for a, b in pairs])
 
         rows = self._sweep(bits, measure, len(pairs))
         return full_blocks(self.pick(rows), d)
-
-
-def start_bits(row: Row, cut: Any = None) -> NDArray[np.uint8]:
-    """Bits [groups, margin + length] of the bonds of a lattice. Host only.
-
-    Args:
-        row: the lattice.
-        cut: (point, slot) [2, b] of bonds that are broken from the start.
-    """
-    G = row.group
-    words = np.zeros((-(-len(row.offsets) // G), row.margin + row.length), np.uint8)
-    places = row.places.reshape(row.shape) + row.margin
-    for s, step in enumerate(row.offsets):
-        words[s // G, places[inside(row.shape, step)].ravel()] |= 1 << (s % G)
-    if cut is not None:
-        point, slot = np.asarray(cut)
-        bit = ~(np.uint8(1) << (slot % G).astype(np.uint8))
-        np.bitwise_and.at(words, (slot // G, row.places[point] + row.margin), bit)
-    return words
 
 
 @jax.custom_vjp

@@ -44,12 +44,14 @@ def pull_back(
             far = partial(slice_of, start=hop, size=S + L)
             eta = [far(x) - x[: S + L] for x in U]
             p = sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
+            live = (word >> number) & 1 != 0
+            p = jnp.where(live, p, 0.0)  # no root of a loose pair
             l2 = r * r + p
             length = jnp.sqrt(l2)
             power = sum(
                 (x[: S + L] - far(x)) * (xi[a] + eta[a]) for a, x in enumerate(T)
             )
-            factor = jnp.where((word >> number) & 1 != 0, 1.0, 0.0).astype(dtype)
+            factor = jnp.where(live, 1.0, 0.0).astype(dtype)
             if v is not None:
                 factor = factor * 2.0 / (far(v) + v[: S + L])
             plain = factor * p / (l2 + r * length)

@@ -116,10 +116,12 @@ class MemoryForce:
         return now - before
 
     def diagonal(self, history: Any) -> PointTensor:
-        """Block diagonal [n, d, d] (N/m) of the stiffness at rest."""
+        """Block diagonal [n, d, d] (N/m) of the stiffness at rest, of |blocks|."""
         d = self.bonds.X.shape[1]
 
         def measure(law, xi, eta, h, weight, share):
-            return weight * law.share(h) * bond_block(law.law, xi, 0.0 * eta), h
+            block = bond_block(law.law, xi, 0.0 * eta)
+            size, axes = jnp.linalg.eigh(0.5 * (block + block.T))
+            return weight * law.share(h) * (axes * jnp.abs(size)[None]) @ axes.T, h
 
         return jnp.moveaxis(self._sweep(measure, None, history, (d, d))[0], -1, 0)

@@ -18,6 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.geometry.grid_family import inside
+
 #: Rows are multiples of this long, those below `SHORT` places of 64.
 QUANTUM, SHORT = 512, 4096
 
@@ -106,6 +108,25 @@ class Row:
 def row_of(shape: tuple[int, ...], offsets: tuple[tuple[int, ...], ...]) -> Row:
     """The row of a lattice, made once."""
     return Row(shape, offsets)
+
+
+def start_bits(row: Row, cut: Any = None) -> NDArray[np.uint8]:
+    """Bits [groups, margin + length] of the bonds of a lattice. Host only.
+
+    Args:
+        row: the lattice.
+        cut: (point, slot) [2, b] of bonds that are broken from the start.
+    """
+    G = row.group
+    words = np.zeros((-(-len(row.offsets) // G), row.margin + row.length), np.uint8)
+    places = row.places.reshape(row.shape) + row.margin
+    for s, step in enumerate(row.offsets):
+        words[s // G, places[inside(row.shape, step)].ravel()] |= 1 << (s % G)
+    if cut is not None:
+        point, slot = np.asarray(cut)
+        bit = ~(np.uint8(1) << (slot % G).astype(np.uint8))
+        np.bitwise_and.at(words, (slot // G, row.places[point] + row.margin), bit)
+    return words
 
 
 def _whole(length: int) -> int:

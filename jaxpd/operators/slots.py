@@ -107,9 +107,9 @@ class SlotForce:
             return _ruled(bare, (u, self.stiff), flags)
         return self._commit(u, flags)
 
-    def _limit(self, r: jax.Array, nbr: jax.Array) -> jax.Array:
-        s = jnp.asarray(self.s_crit, r.dtype)
-        return r * (1.0 + (s if s.ndim == 0 else 0.5 * (s + gather(s, nbr))))
+    def _limit(self, nbr: jax.Array, dtype: Any) -> jax.Array:
+        s = jnp.asarray(self.s_crit, dtype)
+        return s if s.ndim == 0 else 0.5 * (s + gather(s, nbr))
 
     def _commit(self, u: jax.Array, flags: jax.Array) -> tuple[jax.Array, jax.Array]:
         columns = list(u)
@@ -118,11 +118,12 @@ class SlotForce:
             nbr, xi, r, k, flag = slot
             eta = [b - a for a, b in zip(columns, _far(columns, nbr), strict=True)]
             p = sum(e * (e + 2.0 * x) for e, x in zip(eta, xi, strict=True))
-            l2 = r * r + p
             if self.breaks:
-                limit = self._limit(r, nbr)
-                flag = flag & (l2 <= limit * limit)
-            F = jnp.where(flag, k * p / (l2 + r * jnp.sqrt(l2)), 0.0)
+                s = self._limit(nbr, r.dtype)
+                flag = flag & (p <= r * r * s * (2.0 + s))
+            p = jnp.where(flag, p, 0.0)  # no root of a loose pair
+            l2 = r * r + p
+            F = k * p / (l2 + r * jnp.sqrt(l2))
             pull = _paired([F * (x + e) for x, e in zip(xi, eta, strict=True)])
             return tuple(f + x for f, x in zip(force, pull, strict=True)), flag
 
@@ -148,6 +149,7 @@ class SlotForce:
             D = [a - b for a, b in zip(columns[d:], far[d:], strict=True)]
             eta = [b - a for a, b in zip(columns, far[:d], strict=False)]
             p = sum(e * (e + 2.0 * x) for e, x in zip(eta, xi, strict=True))
+            p = jnp.where(flag, p, 0.0)  # no root of a loose pair
             l2 = r * r + p
             length = jnp.sqrt(l2)
             power = sum(a * b for a, b in zip(D, y, strict=True))
@@ -195,17 +197,17 @@ class SlotForce:
         """Energy [] (J) of the bonds that have broken, each k (r s_crit)^2 / 2."""
 
         def measure(nbr, xi, r, k, share):
-            return (0.25 * k * (self._limit(r, nbr) - r) ** 2)[None]
+            return (0.25 * k * (r * self._limit(nbr, r.dtype)) ** 2)[None]
 
         return jnp.sum(self._sweep(flags0 & ~flags, measure, 1))
 
     def diagonal(self, flags: jax.Array) -> PointTensor:
-        """Block diagonal [n, d, d] (N/m) of the stiffness at rest."""
+        """Block diagonal [n, d, d] (N/m) of the stiffness at rest, of |k|."""
         d = self.xi.shape[1]
         pairs = index_pairs(d)
 
         def measure(nbr, xi, r, k, share):
-            k = k / (r * r)
+            k = jnp.abs(k) / (r * r)  # an upper bound where bonds push
             return jnp.stack([k * xi[a] * xi[b] for a, b in pairs])
 
         return full_blocks(self.pick(self._sweep(flags, measure, len(pairs))), d)

@@ -77,8 +77,8 @@ def verlet(op: Any, drive: Drive, state: State, dt: Any, factors: Any) -> State:
         drive: masses, loads, supports.
         state: where to begin.
         dt: time step [] (s).
-        factors: of the loads before and after each step [steps, q] and [steps, q], and
-            what those of the moves grow by [steps, p].
+        factors: of the loads before and after each step [steps, q] and [steps, q],
+            what those of the moves grow by and are after it [steps, p] and [steps, p].
 
     Returns:
         The state after them. `work` is that of the loads by the trapezoidal rule, and
@@ -96,6 +96,8 @@ def verlet(op: Any, drive: Drive, state: State, dt: Any, factors: Any) -> State:
         if drive.fixed is not None:
             du = jnp.where(drive.fixed, _weighted(factor[2], drive.moves), du)
         u = state.u + du
+        if drive.fixed is not None:  # not what round-off adds up to
+            u = jnp.where(drive.fixed, _weighted(factor[3], drive.moves), u)
         force, history = op.commit(u, state.history)
         v = v + (0.5 * dt) * ((force + after) / mass)
         pull = 0.5 * (before + after)
@@ -115,8 +117,10 @@ def stable_dt(diagonal: Any, mass: Any) -> float:
 
     Each bond adds k (n . (u_i - u_j))^2 <= 2 k ((n . u_i)^2 + (n . u_j)^2) to u.K u, so
     that u.K u <= 2 sum_i u_i.K_ii u_i and the largest eigenvalue of M^-1 K is at most
-    twice that of the blocks K_ii / m_i: dt = 2 / sqrt(2 max eig(K_ii / m_i)). No row
-    sum is formed, and it is sharper: 1.11 times as long in 2-D, exact for a chain.
+    twice that of the blocks K_ii / m_i: dt = 2 / sqrt(2 max eig(K_ii / m_i)). Sharper
+    than row sums, exact for a chain. It holds at rest: where bonds push, blocks of
+    |k| are needed, and a stretch adds stiffness across the bonds, 1.03 times the true
+    step at 10 % biaxial stretch of a lattice of m = 1.
 
     Args:
         diagonal: blocks K_ii [n, d, d] (N/m) at rest.
@@ -159,5 +163,6 @@ def largest_dt(op: Any, drive: Drive, history: Any, rtol: float = 1e-6) -> float
     make: Any = scipy.sparse.linalg.LinearOperator
     lanczos: Any = scipy.sparse.linalg.eigsh
     linear = make((size, size), product, dtype=float)
-    top = lanczos(linear, 1, which="LA", tol=rtol, return_eigenvectors=False)
+    start = np.random.default_rng(0).normal(size=size)  # the same every time
+    top = lanczos(linear, 1, which="LA", tol=rtol, v0=start, return_eigenvectors=False)
     return 2.0 / float(top[0]) ** 0.5

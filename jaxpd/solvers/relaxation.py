@@ -46,8 +46,8 @@ def relax(
         max_steps: most steps.
 
     Returns:
-        u, history, steps, and up to `KEPT` relative residuals, evenly spread over
-        `max_steps`, NaN where none was taken.
+        u, history, steps, the last relative residual, and up to `KEPT` of them, evenly
+        spread over `max_steps`, NaN where none was taken.
     """
     mass = mass[None]
     free = 1.0 if fixed is None else jnp.where(fixed, 0.0, 1.0).astype(u.dtype)
@@ -80,5 +80,5 @@ def relax(
     log = jnp.full(KEPT, jnp.nan, u.dtype)
     zero = jnp.zeros((), u.dtype)
     begin = (0, u, jnp.zeros_like(u), force, history, zero, residual(force), log)
-    step, u, _, _, history, _, _, log = jax.lax.while_loop(going, move, begin)
-    return u, history, step, log
+    step, u, _, _, history, _, rest, log = jax.lax.while_loop(going, move, begin)
+    return u, history, step, rest, log
