@@ -50,7 +50,7 @@ class Ours:
 
     def __init__(self, op: Any, u0: Any, v0: Any, mass: Any, bits: Any, dt: float):
         dtype = u0.dtype
-        masses = op.lay(np.broadcast_to(mass, len(u0)))
+        masses: Any = op.lay(np.broadcast_to(mass, len(u0)))
         masses = jnp.where(masses > 0, masses, 1.0).astype(dtype)
         drive = Drive(masses, jnp.zeros((0, u0.shape[1], 1), dtype), None, None)
         self.op = op
@@ -109,6 +109,7 @@ def race(case: Case, peers: dict[str, Any], repeats: int, work: float) -> Any:
     steps = max(4, round(work / case.bonds))
     cost = ours.compile(steps)
     seconds: dict[str, float] = {}
+    u = np.zeros(0)
     for repeat in range(repeats):
         for name, peer in peers.items():
             few = steps if name.startswith("c") else max(1, steps // 8)

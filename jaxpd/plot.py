@@ -113,6 +113,10 @@ def frames(
         scale: displacements are enlarged by this.
         columns: of panels.
 
+    Returns:
+        A figure that no window manager knows of: save it, or in a notebook show it
+        after `%matplotlib inline`.
+
     Raises:
         ValueError: if the run is not 2-D, or kept no frames.
     """
@@ -128,7 +132,8 @@ def frames(
     width, height = np.ptp(X, axis=0)
     panel = max(1.6, 3.6 * height / width)
     figure = new_figure(rows, columns, 4.0 * columns, (panel + 0.6) * rows)
-    panels = figure.axes
+    panels: list[Any] = figure.axes
+    dots: Any = None
     # square markers as wide as the points are apart on a panel of 3.4 inches
     size = (3.4 * 72.0 / width) ** 2 * width * height / len(X)
     for axes, k in zip(panels, chosen, strict=False):

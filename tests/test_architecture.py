@@ -13,11 +13,10 @@ import jaxpd
 PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
     "_types", "geometry", "physics", "discretize", "operators", "solvers", "schedule",
-    "course", "conditions", "scene", "gallery", "body", "assembly", "problem", "prepare",
-    "motion", "launch", "run", "audit", "io", "record", "explicit", "relaxed",
-    "crack_path", "plot", "gradcheck", "observe", "inverse", "descent", "fitting",
-    "uncertainty",
-    "resample", "__init__", "__main__",
+    "course", "conditions", "scene", "gallery", "body", "assembly", "problem",
+    "prepare", "motion", "launch", "run", "audit", "io", "record", "explicit",
+    "relaxed", "crack_path", "plot", "gradcheck", "observe", "inverse", "descent",
+    "fitting", "uncertainty", "resample", "__init__", "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))
 EXTRAS = {"matplotlib", "meshio", "tqdm"}

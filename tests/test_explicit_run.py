@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 
-import jax
 import numpy as np
 import pytest
 
@@ -206,7 +205,7 @@ def test_nan_stops_a_run_with_its_place():
     v0[17] = np.nan
     bad = dataclasses.replace(motion, params=motion.params | {"v0": v0})
     run = jaxpd.run_explicit(bad, 6e-6, records=12, frames=6)
-    assert run.steps < 100
+    assert run.steps < 36  # of the whole run
     with pytest.raises(jaxpd.Diverged, match=r"not finite by t = .* at point \d+"):
         run.checked()
 
@@ -218,4 +217,3 @@ def test_float32_runs_follow_float64(torn):
     size = np.abs(torn.u).max()
     assert np.abs(run.u - torn.u).max() < 1e-3 * size
     assert np.abs(run.balance[3:]).max() < 5e-3
-    assert jax.config.jax_enable_x64
