@@ -91,6 +91,7 @@ def test_adam_finds_the_same_more_slowly():
     assert found.losses[-1] < 1e-3 * found.losses[0]
 
 
+@pytest.mark.slow
 def test_prescribed_displacements_do_not_see_the_scale(rng):
     u = measured(moved=True)
     seen = displacements(u + 1e-6 * rng.normal(size=u.shape), 1e-6)
@@ -282,6 +283,7 @@ def test_a_fit_of_a_solve_that_fails_says_so(tmp_path):
         found.checked()
 
 
+@pytest.mark.slow
 def test_a_far_start_arrives(rng):
     """A gradient may be small beside the first one and the fit far from its end."""
     u = measured() + 1e-9 * rng.normal(size=measured().shape)

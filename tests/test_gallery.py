@@ -56,6 +56,7 @@ def test_without_surface_correction_the_table_is_missed():
     np.testing.assert_allclose(ratios, [1.025, 0.710], atol=0.002)
 
 
+@pytest.mark.slow
 def test_tables_5_and_6_at_the_coarsest_lattice():
     for column, m in enumerate(gallery.RATIOS):
         scene = gallery.cracked_plate(32, m, 0.0, loading="band")

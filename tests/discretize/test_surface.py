@@ -114,7 +114,9 @@ def built(problem, u):
     return operator.energy_per_point(u), operator.respond(u), operator
 
 
-@pytest.mark.parametrize("correction", ["energy", "force density"])
+@pytest.mark.parametrize(
+    "correction", ["energy", pytest.param("force density", marks=pytest.mark.slow)]
+)
 def test_factors_by_axis_are_the_same_for_index_lists_and_on_a_lattice(rng, correction):
     crack = segment((-0.03, 0.01), (0.03, 0.01))
     scene = strip(correction, 9, 9, cracks=[crack])

@@ -126,6 +126,7 @@ def test_ghosts_that_are_means_of_two_points_hand_their_energy_on(rng):
     check_laws_of_nature(Pulled(full, P), cloud.X, u)
 
 
+@pytest.mark.slow
 def test_a_strip_with_fictitious_points_is_stretched_evenly():
     found = jaxpd.solve_static(strip("fictitious", 11, 9, 2), rtol=1e-9).checked()
     E = np.asarray(found.energy_density).reshape(11, 9)[5] / 1e-6

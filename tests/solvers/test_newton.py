@@ -62,6 +62,7 @@ def test_small_displacements_are_one_linear_solve():
     assert np.abs(ratio).max() <= 1e-5  # of a displacement of 0.5 a unit strain
 
 
+@pytest.mark.slow
 def test_too_few_iterations_are_rescued_by_halving_the_load_step():
     hard = solve_static(plate(strain=0.3), max_iterations=3)
     easy = solve_static(plate(strain=0.3), max_iterations=30).checked()
