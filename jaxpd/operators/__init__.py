@@ -3,10 +3,14 @@
 from jaxpd.operators.bonds import BondForce, BondTangent, assemble, bond_weights
 from jaxpd.operators.constraints import Constraints, fix
 from jaxpd.operators.fft import FFTTangent, convolution, pivots
+from jaxpd.operators.halves import HalfForce
 from jaxpd.operators.lattice import LatticeTangent
-from jaxpd.operators.protocol import ForceOperator, Tangent
+from jaxpd.operators.memory import MemoryForce
+from jaxpd.operators.protocol import ForceOperator, MotionForce, Tangent
 from jaxpd.operators.pulled import Pulled, PulledTangent
+from jaxpd.operators.pulled_motion import PulledMotion
 from jaxpd.operators.rest import BondsAtRest, LinearForce
+from jaxpd.operators.slots import SlotForce
 from jaxpd.operators.stencil import StencilForce
 
 __all__ = [
@@ -16,10 +20,15 @@ __all__ = [
     "Constraints",
     "FFTTangent",
     "ForceOperator",
+    "HalfForce",
     "LatticeTangent",
     "LinearForce",
+    "MemoryForce",
+    "MotionForce",
     "Pulled",
+    "PulledMotion",
     "PulledTangent",
+    "SlotForce",
     "StencilForce",
     "Tangent",
     "assemble",

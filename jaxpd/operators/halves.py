@@ -147,26 +147,16 @@ class HalfForce:
         def add(force, item):
             word, (hop, xi, r, k, scale) = item
 
-            def growth(hop, xi):
-                """P = |y|^2 - r^2 of the bonds of one offset."""
-                eta = [slice_of(x, hop, S + L) - x[: S + L] for x in U]
-                return sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
-
-            if self.breaks:
-                kept = jnp.zeros_like(word)
-                for g in range(G):
-                    far = partial(slice_of, start=hop[g], size=S + L)
-                    limit = shared if s is None else 0.5 * (far(s) + s[: S + L])
-                    limit = r[g] * r[g] * limit * (2.0 + limit)
-                    short = growth(hop[g], xi[g]) <= limit
-                    kept |= short.astype(jnp.uint8) << g
-                word = word & kept
-
             def pull(_, one):
                 hop, xi, r, k, scale, number = one
                 far = partial(slice_of, start=hop, size=S + L)
+                eta = [far(x) - x[: S + L] for x in U]
+                p = sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
                 live = (word >> number) & 1 != 0
-                p = jnp.where(live, growth(hop, xi), 0.0)  # no root of a loose pair
+                if self.breaks:
+                    limit = shared if s is None else 0.5 * (far(s) + s[: S + L])
+                    live &= p <= r * r * limit * (2.0 + limit)
+                p = jnp.where(live, p, 0.0)  # no root of a loose pair
                 l2 = r * r + p
                 top, below = k * p, l2 + r * jnp.sqrt(l2)
                 if c is not None:
@@ -175,9 +165,12 @@ class HalfForce:
                     below = below * (0.5 * (far(v) + v[: S + L]))
                 if scale is not None:
                     top = top * scale
-                return None, top / below
+                F = top / below
+                return None, jnp.where(live, F, jnp.nan) if self.breaks else F
 
-            F: Any = lax.scan(pull, None, (hop, xi, r, k, scale, numbers))[1]
+            kept: Any = lax.scan(pull, None, (hop, xi, r, k, scale, numbers))[1]
+            # a second output would be made from the start: NaN marks what is broken
+            F = jnp.where(jnp.isnan(kept), 0.0, kept) if self.breaks else kept
             total = []
             for a in range(d):
                 sum_, own = force[a], U[a][S : S + L]
@@ -188,7 +181,12 @@ class HalfForce:
                     sum_ = sum_ + F[g, S:] * (xi[g, a] + (later - own))
                     sum_ = sum_ - pulled * (xi[g, a] + (own - before))
                 total.append(sum_)
-            return tuple(total), word if self.breaks else None
+            if not self.breaks:
+                return tuple(total), None
+            bits: Any = sum(
+                (~jnp.isnan(kept[g])).astype(jnp.uint8) << g for g in range(G)
+            )
+            return tuple(total), bits
 
         zero = tuple(jnp.zeros(L, dtype) for _ in range(d))
         force, after = lax.scan(add, zero, (bits, self.items()))

@@ -10,6 +10,12 @@ from jaxpd.physics.bond import (
     pmb,
     stretch,
 )
+from jaxpd.physics.damage import (
+    Brittle,
+    Softening,
+    critical_stretch,
+    fracture_energy,
+)
 from jaxpd.physics.influence import (
     Conical,
     Constant,
@@ -20,17 +26,21 @@ from jaxpd.physics.influence import (
 )
 
 __all__ = [
+    "Brittle",
     "Conical",
     "Constant",
     "Fractional",
     "Gaussian",
     "Influence",
     "Microelastic",
+    "Softening",
     "bond_block",
     "bond_energy",
     "bond_force",
     "check_order",
+    "critical_stretch",
     "extension",
+    "fracture_energy",
     "micromodulus",
     "pmb",
     "stretch",

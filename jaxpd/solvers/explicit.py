@@ -87,11 +87,11 @@ def verlet(op: Any, drive: Drive, state: State, dt: Any, factors: Any) -> State:
     """
     dt = jnp.asarray(dt, state.u.dtype)
     cast = jax.tree.map(lambda x: jnp.asarray(x, state.u.dtype), factors)
-    mass = drive.mass[None]
+    mass, light = drive.mass[None], (dt / drive.mass)[None]
 
     def step(state: State, factor: Any) -> tuple[State, None]:
         before, after = drive.load(factor[0]), drive.load(factor[1])
-        v = state.v + (0.5 * dt) * ((state.force + before) / mass)
+        v = state.v + 0.5 * light * (state.force + before)
         du: Any = dt * v
         if drive.fixed is not None:
             du = jnp.where(drive.fixed, _weighted(factor[2], drive.moves), du)
@@ -99,10 +99,13 @@ def verlet(op: Any, drive: Drive, state: State, dt: Any, factors: Any) -> State:
         if drive.fixed is not None:  # not what round-off adds up to
             u = jnp.where(drive.fixed, _weighted(factor[3], drive.moves), u)
         force, history = op.commit(u, state.history)
-        v = v + (0.5 * dt) * ((force + after) / mass)
+        v = v + 0.5 * light * (force + after)
         pull = 0.5 * (before + after)
         if drive.fixed is None:
-            return State(u, v, force, history, state.work + jnp.sum(pull * du)), None
+            work = state.work
+            if len(drive.loads):
+                work = work + jnp.sum(pull * du)
+            return State(u, v, force, history, work), None
         v = jnp.where(drive.fixed, du / dt, v)
         gain = 0.5 * mass * (v * v - state.v * state.v)
         held = gain - 0.5 * (state.force + force) * du
