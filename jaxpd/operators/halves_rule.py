@@ -39,6 +39,14 @@ def pull_back(
     def add(sums, item):
         word, (hop, xi, r, k, _) = item
 
+        def power_of(hop, xi):
+            """D . y of the bonds of one offset."""
+            far = partial(slice_of, start=hop, size=S + L)
+            return sum(
+                (t[: S + L] - far(t)) * (xi[a] + (far(x) - x[: S + L]))
+                for a, (x, t) in enumerate(zip(U, T, strict=True))
+            )
+
         def pull(_, one):
             hop, xi, r, k, number = one
             far = partial(slice_of, start=hop, size=S + L)
@@ -48,21 +56,32 @@ def pull_back(
             p = jnp.where(live, p, 0.0)  # no root of a loose pair
             l2 = r * r + p
             length = jnp.sqrt(l2)
-            power = sum(
-                (x[: S + L] - far(x)) * (xi[a] + eta[a]) for a, x in enumerate(T)
-            )
-            factor = jnp.where(live, 1.0, 0.0).astype(dtype)
+            k = jnp.where(live, k, 0.0)
             if v is not None:
-                factor = factor * 2.0 / (far(v) + v[: S + L])
-            plain = factor * p / (l2 + r * length)
+                k = k * 2.0 / (far(v) + v[: S + L])
             if c is not None:
-                factor = factor * (0.5 * (far(c) + c[: S + L]))
-            F = factor * p / (l2 + r * length)
-            B = factor * power * (r / (l2 * length))
-            return None, (k * lax.complex(F, B), jnp.sum(F * power), plain * power)
+                k = k * (0.5 * (far(c) + c[: S + L]))
+            # (l - r) / l and r / l^3 from one quotient, free of cancellation
+            part = k / (l2 * (length + r))
+            F = part * p * length
+            B = part * power_of(hop, xi) * r * (1.0 + r / length)
+            return None, lax.complex(F, B)
 
-        _, (both, per_stiff, per_c) = lax.scan(pull, None, (hop, xi, r, k, numbers))
+        _, both = lax.scan(pull, None, (hop, xi, r, k, numbers))
         F, B, (ubar, cbar, vbar) = both.real, both.imag, sums
+        per_stiff = []
+        for g in range(G):
+            value = F[g] * power_of(hop[g], xi[g])
+            some = jnp.where(k[g] == 0.0, 1.0, k[g])
+            per_stiff.append(jnp.sum(value) / some)
+            back = partial(slice_of, start=S - hop[g], size=L)
+            if v is not None:
+                share = value / (slice_of(v, hop[g], S + L) + v[: S + L])
+                vbar = vbar - (share[S:] + back(share))
+            if c is not None:
+                both_c = slice_of(c, hop[g], S + L) + c[: S + L]
+                share = value / jnp.where(both_c > 0.0, both_c, 1.0)
+                cbar = cbar + (share[S:] + back(share))
         total = []
         for a in range(d):
             sum_, own, tied = ubar[a], U[a][S : S + L], T[a][S : S + L]
@@ -76,17 +95,7 @@ def pull_back(
                 F_, B_ = (slice_of(x[g], S - h, L) for x in (F, B))
                 sum_ = sum_ + F_ * (slice_of(T[a], S - h, L) - tied) + B_ * y
             total.append(sum_)
-        for g in range(G if c is not None or v is not None else 0):
-            value = k[g] * per_c[g]
-            back = partial(slice_of, start=S - hop[g], size=L)
-            if c is not None:
-                cbar = cbar + 0.5 * (value[S:] + back(value))
-                far_c = slice_of(c, hop[g], S + L)
-                value = value * (0.5 * (far_c + c[: S + L]))
-            if v is not None:
-                value = value / (slice_of(v, hop[g], S + L) + v[: S + L])
-                vbar = vbar - (value[S:] + back(value))
-        return (tuple(total), cbar, vbar), per_stiff
+        return (tuple(total), cbar, vbar), jnp.stack(per_stiff)
 
     zero = jnp.zeros(L, dtype)
     (ubar, cbar, vbar), per_stiff = lax.scan(
