@@ -51,7 +51,7 @@ class Ours:
     def __init__(self, op: Any, u0: Any, v0: Any, mass: Any, bits: Any, dt: float):
         dtype = u0.dtype
         masses: Any = op.lay(np.broadcast_to(mass, len(u0)))
-        masses = jnp.where(masses > 0, masses, 1.0).astype(dtype)
+        masses = jnp.asarray(jnp.where(masses > 0, masses, 1.0), dtype)
         drive = Drive(masses, jnp.zeros((0, u0.shape[1], 1), dtype), None, None)
         self.op = op
 

@@ -1,9 +1,9 @@
 """Differentiable nonlocal mechanics in JAX.
 
 The rooms, in the order in which data walks through them: `geometry`, `physics`,
-`discretize`, `operators`, `solvers`; then the front desk: `scene`, `gallery`, `run`,
-`audit`,
-`io`, `plot`; and what looks back: `gradcheck`, `observe`, `inverse`, `descent`,
+`discretize`, `operators`, `solvers`; then the front desk: `scene`, `gallery`, `prepare`
+and `run` for statics, `motion`, `launch` and `explicit` for motion, `io`, `plot`; and
+what looks back: `audit`, `crack_path`, `gradcheck`, `observe`, `inverse`, `descent`,
 `fitting`, `uncertainty`, `resample`. Importing does nothing; statics needs 64-bit
 floats, which the user turns on:
 

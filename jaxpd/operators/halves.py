@@ -170,7 +170,7 @@ class HalfForce:
 
             kept: Any = lax.scan(pull, None, (hop, xi, r, k, scale, numbers))[1]
             # a second output would be made from the start: NaN marks what is broken
-            F = jnp.where(jnp.isnan(kept), 0.0, kept) if self.breaks else kept
+            F: Any = jnp.where(jnp.isnan(kept), 0.0, kept) if self.breaks else kept
             total = []
             for a in range(d):
                 sum_, own = force[a], U[a][S : S + L]

@@ -56,7 +56,7 @@ def pull_back(
             p = jnp.where(live, p, 0.0)  # no root of a loose pair
             l2 = r * r + p
             length = jnp.sqrt(l2)
-            k = jnp.where(live, k, 0.0)
+            k: Any = jnp.where(live, k, 0.0)
             if v is not None:
                 k = k * 2.0 / (far(v) + v[: S + L])
             if c is not None:
@@ -72,7 +72,7 @@ def pull_back(
         per_stiff = []
         for g in range(G):
             value = F[g] * power_of(hop[g], xi[g])
-            some = jnp.where(k[g] == 0.0, 1.0, k[g])
+            some: Any = jnp.where(k[g] == 0.0, 1.0, k[g])
             per_stiff.append(jnp.sum(value) / some)
             back = partial(slice_of, start=S - hop[g], size=L)
             if v is not None:
@@ -80,7 +80,8 @@ def pull_back(
                 vbar = vbar - (share[S:] + back(share))
             if c is not None:
                 both_c = slice_of(c, hop[g], S + L) + c[: S + L]
-                share = value / jnp.where(both_c > 0.0, both_c, 1.0)
+                some = jnp.where(both_c > 0.0, both_c, 1.0)
+                share = value / some
                 cbar = cbar + (share[S:] + back(share))
         total = []
         for a in range(d):
