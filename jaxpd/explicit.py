@@ -254,4 +254,7 @@ def _mark(motion: Motion, *numbers: float) -> str:
         array = np.ascontiguousarray(leaf)
         digest.update(f"{array.dtype}{array.shape}".encode())
         digest.update(array.tobytes())
-    return f"a run of {len(motion.X)} points, {digest.hexdigest()[:16]}"
+    dt, every, records, frames = numbers
+    size = f"{len(motion.X)} points, {records * every} steps of {dt:.6g} s"
+    kept = f"{records} records, {frames} frames"
+    return f"a run of {size}, {kept}, {digest.hexdigest()[:16]}"

@@ -10,6 +10,7 @@ import numpy as np
 from jaxpd.body import cloud_of, free_faces, loads_on, starts_on, supports_on
 from jaxpd.course import Course
 from jaxpd.discretize import beyond_faces
+from jaxpd.discretize.extension import check_cracks
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.geometry.crack import check_dimension
 from jaxpd.motion import Motion
@@ -79,7 +80,14 @@ def prepare_motion(
         s_crit = s_crit if scene.no_fail else np.asarray(material.s_crit)
         params["law"] = Brittle(params["law"], s_crit.astype(X.dtype))
     elif not elastic and scene.no_fail:
-        raise ValueError("no_fail: a law with a memory of its own says what fails")
+        raise ValueError(
+            "no_fail: a law with a memory of its own says what fails; give it nodal "
+            "numbers [n], of which a bond takes the mean of its ends"
+        )
+    elif not elastic and np.isfinite(material.s_crit):
+        raise ValueError(
+            f"s_crit: {material.s_crit} is for laws without memory; leave it out"
+        )
     correction = correction_of(scene, cloud)
     beyond = correction == "fictitious"
     kind = _kind(operator, cloud.regular and not beyond, elastic, softening)
@@ -98,6 +106,8 @@ def prepare_motion(
     points, extension = X, None
     if beyond:
         free = free_faces(scene)
+        grid: Any = cloud.lattice
+        check_cracks(grid, delta, scene.cracks, np.asarray(free, bool))
         family, extension = beyond_faces(cloud, delta, free=free, **search)
         points = np.asarray(extension(cloud.X))
     kernel = resolution.kernel

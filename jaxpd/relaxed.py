@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from jaxpd._types import PointVector
 from jaxpd.launch import prepared
 from jaxpd.motion import Motion
+from jaxpd.physics.damage import Brittle
 from jaxpd.scene import Scene
 from jaxpd.solvers.relaxation import SPARE, relax
 from jaxpd.solvers.status import NotConverged, Status
@@ -58,22 +60,33 @@ def solve_relaxed(
 ) -> Relaxed:
     """Bring a scene to rest by adaptive dynamic relaxation.
 
-    Loads and prescribed displacements are those at the end of their histories; bonds
-    break on the way if their material has a fracture energy.
+    Loads and prescribed displacements are those at the end of their histories. No bond
+    of an elastic material breaks: on the way stretches are far above those at rest. A
+    law with a memory of its own remembers the way. Bonds that cracks cut are missing as
+    in `prepare_motion`, with the surface correction of the body before; `solve_static`
+    corrects the faces of cracks too.
 
     Args:
-        scene: what to relax, or what `prepare_motion` made of it.
+        scene: what to relax, or what `prepare_motion` made of it; its material needs a
+            density, which does not matter.
         rtol: relative tolerance of the residual.
         max_steps: most steps.
         **options: those of `prepare_motion`.
 
     Raises:
-        ValueError: on arguments out of range, or a support that never stops.
+        ValueError: on arguments out of range, a support that never stops, smoothed
+            damage, or a tolerance that float32 cannot reach.
     """
     if not (rtol > 0 and max_steps > 0):
         raise ValueError(f"rtol, max_steps: {rtol}, {max_steps} must both be positive")
     motion = prepared(scene, options)
+    motion = _unbroken(motion)
     course = motion.course
+    if course.dtype == "float32" and rtol < 1e-5:
+        raise ValueError(
+            f"rtol: {rtol} is out of reach of float32; take 1e-5, or 64 bits by "
+            "jax.config.update('jax_enable_x64', True) before any array is made"
+        )
     if any(table.rate != 0.0 for table in (*course.loads, *course.moves)):
         raise ValueError("supports: one of them never stops; use moves(), not drives()")
     end = [[t.factors[-1] for t in tables] for tables in (course.loads, course.moves)]
@@ -85,6 +98,18 @@ def solve_relaxed(
     if not (np.isfinite(float(rest)) and np.isfinite(np.asarray(u)).all()):
         status = Status.NOT_FINITE
     return Relaxed(motion, u, np.asarray(damage), int(steps), residuals, status)
+
+
+def _unbroken(motion: Motion) -> Motion:
+    """The same motion with bonds that do not break."""
+    course, params = motion.course, dict(motion.params)
+    if course.softening is not None:
+        raise ValueError("softening: smoothed damage is for runs in time; leave it out")
+    if isinstance(params.get("law"), Brittle):
+        s_crit = np.full_like(params["law"].s_crit, np.inf)
+        params["law"] = dataclasses.replace(params["law"], s_crit=s_crit)
+    course = dataclasses.replace(course, breaks=False)
+    return dataclasses.replace(motion, course=course, params=params)
 
 
 @jax.jit

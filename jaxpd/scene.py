@@ -211,7 +211,19 @@ class Scene:
     no_fail: tuple[Region, ...] | list[Region] = ()
 
     def __post_init__(self):
-        """Refuse words that mean nothing."""
+        """Refuse words that mean nothing, and what is no list of the right things."""
+        for name, kinds in (
+            ("supports", Support),
+            ("loads", Load),
+            ("cracks", Crack),
+            ("starts", Start),
+            ("no_fail", Region),
+        ):
+            given = getattr(self, name)
+            if not isinstance(given, tuple | list) or not all(
+                isinstance(x, kinds) for x in given
+            ):
+                raise ValueError(f"{name}: {given!r} must be a list, as in [one, two]")
         if self.kinematics not in ("finite", "small"):
             raise ValueError(
                 f"kinematics: {self.kinematics!r} must be 'finite' or 'small'"

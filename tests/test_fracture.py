@@ -67,7 +67,8 @@ def test_half_the_stress_does_not_branch():
 
 
 def test_stress_squared_over_fracture_energy_is_all_that_matters():
-    (_, one), (_, six) = branch(3), branch(3, stress=12e6, G0=36 * 3.8)
+    # at m = 3 the fork itself is uncertain to 0.6 mm, beyond the tolerance
+    (_, one), (_, six) = branch(4), branch(4, stress=12e6, G0=36 * 3.8)
     assert six.xe == pytest.approx(one.xe, abs=0.5e-3)
     assert six.times[1] == pytest.approx(one.times[1], abs=0.5e-6)
     assert six.v_mean == pytest.approx(one.v_mean, rel=0.015)

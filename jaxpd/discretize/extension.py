@@ -133,7 +133,7 @@ def beyond_faces(
     rows = rows or math.ceil(1.5 * delta / grid.dx * (1 - HORIZON_TOLERANCE))
     sides = np.ones((d, 2), bool) if free is None else np.asarray(free, bool)
     extra = np.where(sides, layers, 0)
-    _check_cracks(grid, delta, cracks, sides)
+    check_cracks(grid, delta, cracks, sides)
     shape = tuple(np.asarray(grid.shape) + extra.sum(axis=1))
     place = np.indices(shape).reshape(d, -1).T - extra[:, 0]
     body = ((place >= 0) & (place < grid.shape)).all(axis=1)
@@ -214,9 +214,10 @@ def _compose(
     return np.stack(sources, axis=1).astype(np.int32), np.stack(weights, axis=1)
 
 
-def _check_cracks(
+def check_cracks(
     grid: Lattice, delta: float, cracks: Sequence[Crack], sides: NDArray[np.bool_]
 ) -> None:
+    """Refuse cracks within a horizon of a face with fictitious points."""
     low = np.asarray(grid.origin)
     high = low + grid.dx * (np.asarray(grid.shape) - 1)
     for crack in cracks:

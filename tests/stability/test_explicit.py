@@ -203,3 +203,51 @@ def test_relaxation_of_nonsense_does_not_converge():
         jax.jit(Motion.build)(motion, motion.params | {"E": np.ones(7)})
     with pytest.raises(ValueError, match="dt: a traced number"):
         jax.jit(lambda dt: motion.march(dt=dt, every=1, records=1)[0])(0.1)
+
+
+@pytest.mark.slow
+def test_relaxation_breaks_no_bond_on_the_way():
+    aluminium = jaxpd.Elastic(70e9, nu=1 / 3, state="plane stress", rho=2700.0, G0=1e4)
+    scene = jaxpd.Scene(
+        body=jaxpd.box((-0.05, -0.05), (0.05, 0.05)),
+        material=aluminium,
+        supports=[
+            jaxpd.holds(jaxpd.below(y=-0.05)),
+            jaxpd.moves(jaxpd.above(y=0.05), x=0.0, y=1e-4),
+        ],
+        resolution=jaxpd.Bonds(dx=0.1 / 16, m=3, correction="none"),
+    )
+    found = jaxpd.solve_relaxed(scene, rtol=1e-8).checked()
+    exact = jaxpd.solve_static(scene, rtol=1e-10).checked()
+    assert found.damage.max() < 1e-12
+    size = np.abs(exact.u).max()
+    np.testing.assert_allclose(found.u, exact.u, rtol=0, atol=1e-5 * size)
+    with pytest.raises(ValueError, match="out of reach of float32"):
+        jaxpd.solve_relaxed(scene, dtype="float32")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.3, 2.0, 4.0])
+def test_a_step_too_long_is_told_though_all_bonds_break(factor):
+    glass = jaxpd.Elastic(72e9, nu=1 / 3, state="plane stress", rho=2440.0, G0=3.8)
+    scene = jaxpd.Scene(
+        body=jaxpd.box((0.0, 0.0), (0.02, 0.01)),
+        material=glass,
+        loads=[
+            jaxpd.traction(jaxpd.above(y=0.01), y=2e6),
+            jaxpd.traction(jaxpd.below(y=0.0), y=-2e6),
+        ],
+        resolution=jaxpd.Bonds(dx=1e-3, m=3, nodes="cell"),
+    )
+    motion = jaxpd.prepare_motion(scene)
+    dt = factor * longest_dt(motion)
+    run = jaxpd.run_explicit(motion, 4e-4, dt=dt, records=100, unstable_dt=True)
+    with pytest.raises(jaxpd.Diverged, match=r"energy from nowhere|not finite"):
+        run.checked()
+
+
+def test_what_is_no_list_is_refused_by_its_name():
+    with pytest.raises(ValueError, match="cracks: Crack"):
+        sheet(cracks=jaxpd.segment((0.2, 0.2), (0.4, 0.2)))
+    with pytest.raises(ValueError, match="supports: "):
+        sheet(supports=[jaxpd.above(x=0.5)])
