@@ -106,9 +106,9 @@ def prepare_motion(
     points, extension = X, None
     if beyond:
         free = free_faces(scene)
+        family, extension = beyond_faces(cloud, delta, free=free, **search)
         grid: Any = cloud.lattice
         check_cracks(grid, delta, scene.cracks, np.asarray(free, bool))
-        family, extension = beyond_faces(cloud, delta, free=free, **search)
         points = np.asarray(extension(cloud.X))
     kernel = resolution.kernel
     spec = Spec(
