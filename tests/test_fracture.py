@@ -51,7 +51,7 @@ def test_glass_branches_once_where_and_when_it_should(m):
 
 
 def test_the_fork_does_not_move_with_the_horizon():
-    # half the horizon takes minutes: benchmarks/fracture.py, 65.1 mm
+    # half the horizon takes minutes: benchmarks/fracture.py, 65.3 mm
     _, crack = branch(4, 2e-3)
     assert crack.tips == 2
     assert crack.xe == pytest.approx(65.2e-3, abs=3e-3)
