@@ -76,7 +76,7 @@ class Motion:
         return self.problem.X
 
     def _bonds(self, params: Params) -> Any:
-        """The elastic operator, the critical stretch, and what shares damage counts."""
+        """The elastic operator and the critical stretch."""
         kept = self.problem.params
         shared = {name: params[name] for name in kept if name in params}
         bonds: Any = self.problem.bonds(kept | shared)
@@ -192,7 +192,7 @@ class Motion:
                 )
         op, dtype = self.operator(params), jnp.dtype(self.course.dtype)
 
-        def lay(x, empty=None):
+        def lay(x):
             return op.lay(jnp.asarray(x, dtype))
 
         mass = op.lay(jnp.broadcast_to(jnp.asarray(params["rho"]), (n,)) * self.vol)

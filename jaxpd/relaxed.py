@@ -131,7 +131,7 @@ def _relax(motion, loads, moves, rtol, max_steps):
     u, history, steps, rest, log = relax(
         op, mass, load, drive.fixed, u, history, rtol, max_steps
     )
-    damage = 1.0 - op.pick(
-        op.intact(history) / jnp.maximum(op.intact(motion.untouched), 1e-300)
-    )
+    volume = op.intact(motion.untouched)
+    left = op.intact(history) / jnp.where(volume > 0.0, volume, 1.0)
+    damage = 1.0 - op.pick(jnp.where(volume > 0.0, left, 1.0))
     return op.pick(u), damage, steps, rest, log

@@ -3,15 +3,16 @@
 The lattice lies along one row with empty places between its lines, long enough for the
 longest step, so that a step along any axis is a shift of the row. Of every pair of
 opposite offsets one is swept. Offsets go in groups of up to 8, whose intact flags are
-the bits of one byte a point. Of each group, bonds that are too long lose their bits
-first; then the pull F over the bond vector is made and kept by an inner `lax.scan`, the
-only barrier that XLA respects; then both ends add up
+the bits of one byte a point. Of each group the pull F over the bond vector is made
+first, NaN where a bond is broken, and kept by an inner `lax.scan`, the only barrier
+that XLA respects; then both ends add up
 
     force_i += F y,    force_j -= F y,    F = k (|y| - r) / |y|,    y = xi + u_j - u_i
 
-from it. Three things decide the speed on a CPU: the row is a multiple of 512 long; no
-quotient has a bare root below it (F = k p / (|y|^2 + r |y|), p = |y|^2 - r^2, which is
-free of cancellation besides); and whole rows, no pieces of them.
+from it, and the bits are what is no NaN. Three things decide the speed on a CPU: the
+row is whole vectors long (`row`); no quotient has a bare root below it (F =
+k p / (|y|^2 + r |y|), p = |y|^2 - r^2, which is free of cancellation besides); and
+whole rows, no pieces of them.
 
 A bond is one bit: both ends agree whether it is intact. Laws where they need not, or
 with other memories, go by `jaxpd.operators.memory`.

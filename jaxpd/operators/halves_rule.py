@@ -1,7 +1,7 @@
 """The reverse-mode rule of breaking bonds on a lattice, by hand; see `halves`.
 
-Plain AD of the sweep keeps every slice of every offset: some 50 times the cost of a
-force and as many times its memory. The rule is one sweep more.
+Plain AD of the sweep keeps every slice of every offset, many times the cost and memory
+of a force. The rule is one sweep more.
 """
 
 from __future__ import annotations
