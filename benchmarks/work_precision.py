@@ -5,7 +5,8 @@ error is that of the opening at mid-crack against the classical plate (extrapola
 finite elements). Peridynamics with a fixed m carries a model error that no solver
 removes. Times are warm, set-up and solve together, compilation apart.
 
-A new method is one more entry of `METHODS`.
+A new method is one more entry of `METHODS`. Methods that know no cracks are compared on
+an elastic ring instead, by `_ring_precision`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import jax
 import numpy as np
 from _fe_peer import reference_opening, solve_plate
 from _report import Report, is_quick, median_seconds
+from _ring_precision import compare_ring
 
 from jaxpd import prepare
 from jaxpd.gallery import cracked_plate
@@ -233,6 +235,7 @@ def main() -> None:
             for r in report.rows
         ],
     )
+    compare_ring(report.quick)
 
 
 def peer_seconds(peer: list[dict], unknowns: int) -> float:

@@ -1,11 +1,12 @@
 """Differentiable nonlocal mechanics in JAX.
 
 The rooms, in the order in which data walks through them: `geometry`, `physics`,
-`discretize`, `operators`, `solvers`; then the front desk: `scene`, `gallery`, `prepare`
-and `run` for statics, `motion`, `launch` and `explicit` for motion, `io`, `plot`; and
-what looks back: `audit`, `crack_path`, `gradcheck`, `observe`, `inverse`, `descent`,
-`fitting`, `uncertainty`, `resample`. Importing does nothing; statics needs 64-bit
-floats, which the user turns on:
+`discretize`, `operators`, `solvers`; then the front desk: `laminate`, `scene`,
+`gallery`, `prepare` and `run` for statics,
+`path` for load steps with a memory, `motion`, `launch` and `explicit` for
+motion, `io`, `plot`; and what looks back: `audit`, `crack_path`, `gradcheck`,
+`observe`, `inverse`, `descent`, `fitting`, `uncertainty`, `resample`. Importing does
+nothing; statics needs 64-bit floats, which the user turns on:
 
     jax.config.update("jax_enable_x64", True)
 """
@@ -33,11 +34,13 @@ from jaxpd.conditions import (
     holds,
     initially,
     moves,
+    pressure,
     pull,
     traction,
 )
 from jaxpd.explicit import run_explicit
 from jaxpd.fitting import Fit, fit
+from jaxpd.galerkin import GalerkinProblem
 from jaxpd.geometry import (
     above,
     ball,
@@ -45,49 +48,58 @@ from jaxpd.geometry import (
     box,
     from_points,
     lattice,
+    mapped,
+    outlined,
     rectangle,
     segment,
     union,
 )
+from jaxpd.laminate import Interlayer, Laminate, adhesive, interlayer, laminate
 from jaxpd.launch import prepare_motion
 from jaxpd.motion import Motion
+from jaxpd.nodal import NodalProblem
+from jaxpd.path import Path, solve_path
+from jaxpd.physics import Voce, von_mises
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
 from jaxpd.record import Diverged, Run
 from jaxpd.relaxed import Relaxed, solve_relaxed
+from jaxpd.resolution import MLS, RKPM, Bonds, conical, constant, fractional, gaussian
 from jaxpd.run import Solution, keep_compiled, solve_static
-from jaxpd.scene import (
-    Bonds,
-    Elastic,
-    Scene,
-    Solid,
-    conical,
-    constant,
-    fractional,
-    gaussian,
-)
+from jaxpd.scene import Elastic, Scene, Solid
 from jaxpd.schedule import Table, ramp, table
 from jaxpd.solvers.status import NotConverged, Status
+from jaxpd.stack import Stack
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "MLS",
+    "RKPM",
     "Audit",
     "Bonds",
     "Diverged",
     "Elastic",
     "Fit",
+    "GalerkinProblem",
+    "Interlayer",
+    "Laminate",
     "Motion",
+    "NodalProblem",
     "NotConverged",
+    "Path",
     "Problem",
     "Relaxed",
     "Run",
     "Scene",
     "Solid",
     "Solution",
+    "Stack",
     "Status",
     "Table",
+    "Voce",
     "above",
+    "adhesive",
     "audit",
     "ball",
     "below",
@@ -108,22 +120,28 @@ __all__ = [
     "gradcheck",
     "holds",
     "initially",
+    "interlayer",
     "inverse",
     "keep_compiled",
+    "laminate",
     "lattice",
+    "mapped",
     "moves",
     "observe",
     "operators",
+    "outlined",
     "physics",
     "plot",
     "prepare",
     "prepare_motion",
+    "pressure",
     "pull",
     "ramp",
     "rectangle",
     "resample",
     "run_explicit",
     "segment",
+    "solve_path",
     "solve_relaxed",
     "solve_static",
     "solvers",
@@ -131,4 +149,5 @@ __all__ = [
     "traction",
     "uncertainty",
     "union",
+    "von_mises",
 ]

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpd._types import PointScalar, PointVector
-from jaxpd.body import cloud_of
+from jaxpd.body import check_bonds, cloud_of
+from jaxpd.compiling import quickly
 from jaxpd.conditions import holds
 from jaxpd.discretize.surface import CORRECTIONS
 from jaxpd.geometry import Box, box, find, find_on_grid
@@ -32,7 +33,6 @@ from jaxpd.physics import elastic
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
 from jaxpd.scene import Elastic, Scene
-from jaxpd.solvers.linear import quickly
 
 #: Strain of the fields; energies of both signs are averaged: errors of its square.
 STRAIN = 1e-4
@@ -136,6 +136,7 @@ def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
         ValueError: on another material, or a correction asked for by name that the
             scene cannot have.
     """
+    check_bonds(scene, "an audit of surfaces")
     material = scene.material
     if not isinstance(material, Elastic) or np.ndim(material.E):
         raise ValueError(

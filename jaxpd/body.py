@@ -22,15 +22,31 @@ from jaxpd.geometry import (
     loose_points,
     pieces,
 )
-from jaxpd.scene import Elastic, Kernel, Scene
+from jaxpd.laminate import Laminate
+from jaxpd.resolution import NODES, Kernel
+from jaxpd.scene import Elastic, Scene
 from jaxpd.schedule import ALWAYS, Table
 
 
-def _values(value: Any, X: np.ndarray) -> np.ndarray:
+def values_at(value: Any, X: np.ndarray) -> np.ndarray:
+    """A number, or a callable of the positions X [n, d], at each of them [n]."""
     out = np.asarray(value(X) if callable(value) else value, float)
     if not np.isfinite(out).all():
         raise ValueError(f"value: {value} gives numbers that are not finite")
     return np.broadcast_to(out, (len(X),))
+
+
+def check_bonds(scene: Scene, what: str) -> None:
+    """Refuse a scene of nodes where bonds are needed.
+
+    Raises:
+        ValueError: naming the doors for nodes.
+    """
+    if isinstance(scene.resolution, NODES):
+        raise ValueError(
+            f"resolution: {scene.resolution!r}; {what} is for bonds, use resolution="
+            "Bonds(..); nodes have solve_static and solve_path"
+        )
 
 
 def cloud_of(scene: Scene) -> Cloud:
@@ -41,7 +57,11 @@ def cloud_of(scene: Scene) -> Cloud:
             raise ValueError(f"dx: {dx} is not the spacing {grid.dx} of the body")
         return scene.body
     if not isinstance(scene.body, Box):
-        raise ValueError(f"body: {scene.body!r} must be a box() or a cloud of points")
+        if isinstance(scene.body, Laminate):
+            raise ValueError("body: a laminate; take one ply here")
+        raise ValueError(
+            f"body: {scene.body!r} must be a box(), a cloud of points, or a laminate()"
+        )
     resolution = scene.resolution
     if resolution.dx is None:
         raise ValueError("dx: None; a box needs a spacing, as in Bonds(dx=1/64, m=8)")
@@ -54,7 +74,8 @@ def cloud_of(scene: Scene) -> Cloud:
     )
 
 
-def _check_axes(what: str, components: tuple[Any, ...], d: int) -> None:
+def check_axes(what: str, components: tuple[Any, ...], d: int) -> None:
+    """Refuse components along axes that a body does not have."""
     for name, value in zip("xyz"[d:], components[d:], strict=True):
         if value is not None and (callable(value) or value != 0.0):
             raise ValueError(
@@ -76,13 +97,13 @@ def supports_on(
         inside = support.region.contains(X)
         if not inside.any():
             raise ValueError(f"supports: no point lies in {support.region}")
-        _check_axes("supports", support.components, scene.d)
+        check_axes("supports", support.components, scene.d)
         for axis, value in enumerate(support.components[: scene.d]):
             if value is not None:
                 fixed[inside, axis] = True
                 values[:, inside, axis] = 0.0
                 row = values[tables.index(support.time)]
-                row[inside, axis] = _values(value, X[inside])
+                row[inside, axis] = values_at(value, X[inside])
     return fixed, values, tables
 
 
@@ -92,46 +113,71 @@ def loads_on(
     """External nodal forces [q, n, d] (N) of q histories in time, and those."""
     tables = tuple(dict.fromkeys(load.time for load in scene.loads))
     total = np.zeros((len(tables), *X.shape))
-    body = scene.body.contains(X) if isinstance(scene.body, Box) else True
+    boxes = boxes_of(scene)
+    body = np.any([box.contains(X) for box, _ in boxes], axis=0) if boxes else True
     for load in scene.loads:
-        _check_axes("loads", load.components, scene.d)
+        check_axes("loads", load.components, scene.d)
+        if load.kind == "pressure":
+            raise ValueError(
+                "loads: a pressure needs a rim of nodes (MLS, RKPM); use pull()"
+            )
         # layers outside the body are there for the supports and carry no load
-        area, inside = 1.0, load.region.contains(X) & body
+        parts = [(1.0, load.region.contains(X) & body)]
         if load.kind == "traction":
-            area, inside = _face(scene, load.region, X)
-            inside &= body
-        if not inside.any():
+            parts = _faces(boxes, load.region, X)
+        if not any(inside.any() for _, inside in parts):
             raise ValueError(f"loads: no point of the body lies in {load.region}")
         for axis, value in enumerate(load.components[: scene.d]):
             if not callable(value) and value == 0.0:
                 continue
-            at = inside & ~fixed[:, axis] if load.kind == "resultant" else inside
-            if not at.any():
-                raise ValueError(
-                    f"loads: every point in {load.region} is held along {'xyz'[axis]}; "
-                    "nothing is left for the resultant to pull at"
-                )
-            share = vol[at] / (1.0 if load.kind == "density" else vol[at].sum())
             row = total[tables.index(load.time)]
-            row[at, axis] += area * share * _values(value, X[at])
+            for area, inside in parts:
+                at = inside & ~fixed[:, axis] if load.kind == "resultant" else inside
+                if not at.any():
+                    raise ValueError(
+                        f"loads: every point in {load.region} is held along "
+                        f"{'xyz'[axis]}; nothing is left for the resultant to pull at"
+                    )
+                share = vol[at] / (1.0 if load.kind == "density" else vol[at].sum())
+                row[at, axis] += area * share * values_at(value, X[at])
     return total, tables
 
 
-def _face(scene: Scene, face: Region, X: np.ndarray) -> tuple[float, np.ndarray]:
-    """Area (m^(d-1)) of a face of a box and the points within a horizon of it."""
-    body = scene.body
-    if not (isinstance(body, Box) and isinstance(face, HalfSpace)):
-        raise ValueError("loads: a traction needs a box; use pull() on other bodies")
-    sides = np.subtract(body.hi, body.lo)
-    at = (body.hi if face.sign > 0 else body.lo)[face.axis]
-    if abs(face.at - at) > 1e-9 * sides.max():
+def boxes_of(scene: Scene) -> list[tuple[Box, float]]:
+    """The boxes that a scene fills, and their horizons (m); none for a cloud."""
+    if isinstance(scene.body, Cloud):
+        return []
+    boxes = (scene.body,) if isinstance(scene.body, Box) else scene.body.plies
+    given = scene.resolution
+    each = given if type(given) in (tuple, list) else [given] * len(boxes)
+    return [(box, one.horizon) for box, one in zip(boxes, each, strict=True)]
+
+
+def _faces(
+    boxes: list[tuple[Box, float]], face: Region, X: np.ndarray
+) -> list[tuple[float, np.ndarray]]:
+    """Area (m^(d-1)) of a face of each box, and the points within a horizon of it."""
+    if not (boxes and isinstance(face, HalfSpace)):
+        raise ValueError(
+            "loads: with bonds a traction needs a box and a half-space beyond one of "
+            f"its faces, not {face}; use pull() elsewhere"
+        )
+    found, ends = [], []
+    for box, delta in boxes:
+        sides = np.subtract(box.hi, box.lo)
+        at = (box.hi if face.sign > 0 else box.lo)[face.axis]
+        ends.append(at)
+        if abs(face.at - at) > 1e-9 * sides.max():
+            continue
+        depth = face.sign * (at - X[:, face.axis])
+        near = (depth < delta * (1.0 - 1e-9)) & box.contains(X)
+        found.append((float(np.delete(sides, face.axis).prod()), near))
+    if not found:
         raise ValueError(
             f"loads: a traction acts on a face of the box, and {face} is none; the "
-            f"face on that side is at {at}"
+            f"face on that side is at {', '.join(map(str, dict.fromkeys(ends)))}"
         )
-    depth = face.sign * (at - X[:, face.axis])
-    delta = scene.resolution.horizon
-    return float(np.delete(sides, face.axis).prod()), depth < delta * (1.0 - 1e-9)
+    return found
 
 
 def starts_on(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -142,10 +188,10 @@ def starts_on(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if not inside.any():
             raise ValueError(f"starts: no point lies in {start.region}")
         for what, components in ((u, start.u), (v, start.v)):
-            _check_axes("starts", components, scene.d)
+            check_axes("starts", components, scene.d)
             for axis, value in enumerate(components[: scene.d]):
                 if value is not None:
-                    what[inside, axis] = _values(value, X[inside])
+                    what[inside, axis] = values_at(value, X[inside])
     return u, v
 
 
@@ -164,10 +210,16 @@ def still(values: np.ndarray, tables: tuple[Table, ...], what: str) -> np.ndarra
 
 def check_held(X: np.ndarray, family: Family | GridFamily, fixed: np.ndarray) -> None:
     """Refuse a body that can still move freely, or has points without stiffness."""
-    if fixed.all():
-        raise ValueError("supports: every displacement is prescribed; nothing to solve")
     grid = isinstance(family, GridFamily)
     label = grid_pieces(family) if grid else pieces(np.asarray(family.nbr))
+    check_free(X, label, fixed)
+    check_loose(X, family, fixed)
+
+
+def check_free(X: np.ndarray, label: np.ndarray, fixed: np.ndarray) -> None:
+    """Refuse pieces, by their labels [n], that can still move freely."""
+    if fixed.all():
+        raise ValueError("supports: every displacement is prescribed; nothing to solve")
     moving = free_modes(X, fixed, label)
     if moving:
         piece, modes = moving[0]
@@ -178,7 +230,11 @@ def check_held(X: np.ndarray, family: Family | GridFamily, fixed: np.ndarray) ->
             f"{len(moving) - 1} more pieces likewise; prescribe displacements that "
             "stop every translation and rotation of each piece"
         )
-    if grid:
+
+
+def check_loose(X: np.ndarray, family: Family | GridFamily, fixed: np.ndarray) -> None:
+    """Refuse points whose bonds have no stiffness in some direction."""
+    if isinstance(family, GridFamily):
         loose = grid_loose_points(family, fixed)
     else:
         loose = loose_points(X, np.asarray(family.nbr), fixed)

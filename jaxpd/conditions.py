@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.geometry import HalfSpace, Region
+from jaxpd.geometry import Region
 from jaxpd.schedule import ALWAYS, STEADY, Table
 
 Value = float | Callable[[np.ndarray], np.ndarray]
@@ -40,8 +40,9 @@ class Load:
     Attributes:
         region: where; of a traction the half-space beyond a face of the box.
         components: per axis, what `kind` says.
-        kind: force "density" (N/m^3), "resultant" (N), spread evenly by volume, or
-            "traction" (Pa), spread over the points within a horizon of the face.
+        kind: force "density" (N/m^3), "resultant" (N), spread evenly by volume,
+            "traction" (Pa), spread over the points within a horizon of the face, or on
+            the rim of a body of nodes, or "pressure" (Pa) on a rim.
         time: factor over time of motion.
     """
 
@@ -125,26 +126,42 @@ def pull(
 
 
 def traction(
-    face: HalfSpace,
+    face: Region,
     *,
-    x: float = 0.0,
-    y: float = 0.0,
-    z: float = 0.0,
+    x: Value = 0.0,
+    y: Value = 0.0,
+    z: Value = 0.0,
     time: Table = ALWAYS,
 ) -> Load:
     """A traction (Pa) on a face of a box, spread over the points within a horizon.
 
     Args:
-        face: the half-space beyond the face, as in `above(y=0.02)`.
+        face: the half-space beyond the face, as in `above(y=0.02)`. A body of nodes
+            (`MLS`) may have any region: of its rim the nodes inside, and of a
+            half-space those faces alone that look along its axis.
         x: component of the force per area (Pa), as y and z.
         y: see x.
         z: see x.
         time: factor over time of motion.
     """
-    if not isinstance(face, HalfSpace):
-        raise ValueError(f"face: {face!r} must be a half-space, as above(y=0.02)")
+    if not isinstance(face, Region):
+        raise ValueError(f"face: {face!r} must be a region, as above(y=0.02)")
     _check_time(time)
     return Load(face, _components(x, y, z, "tractions"), "traction", time)
+
+
+def pressure(region: Region, p: Value, *, time: Table = ALWAYS) -> Load:
+    """A pressure p (Pa) against the rim of a body of nodes, where it lies in a region.
+
+    Of a half-space those faces alone that look along its axis, as with `traction`.
+
+    Raises:
+        ValueError: if p is no finite number, or `region` none.
+    """
+    if not isinstance(region, Region):
+        raise ValueError(f"region: {region!r} must be a region, as ball((0, 0), 1.0)")
+    _check_time(time)
+    return Load(region, _components(p, 0.0, 0.0, "pressures"), "pressure", time)
 
 
 @dataclass(frozen=True)

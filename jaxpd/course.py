@@ -10,7 +10,7 @@ import numpy as np
 from jaxpd.schedule import Table
 
 #: Kinds of operators of motion, see `jaxpd.operators.protocol`.
-KINDS = ("halves", "slots", "memory")
+KINDS = ("halves", "slots", "memory", "stack")
 
 
 @dataclass(frozen=True)

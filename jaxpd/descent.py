@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from jaxpd.compiling import quickly
 from jaxpd.inverse import Inverse, Values
 from jaxpd.run import QUICK_POINTS
-from jaxpd.solvers.linear import quickly
 
 #: Most evaluations of a line search.
 SEARCHES = 25

@@ -8,12 +8,8 @@ the run still makes sense.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import math
-import re
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +20,7 @@ import numpy as np
 from jaxpd import io
 from jaxpd.launch import longest_dt, prepared
 from jaxpd.motion import Motion
+from jaxpd.progress import bar
 from jaxpd.record import Run, amiss
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
@@ -177,7 +174,7 @@ def run_explicit(
     if stopped:
         records = done
     idle = jnp.zeros_like(state.work)
-    for r in _bar(range(done, records), records, progress):
+    for r in bar(range(done, records), records, progress, "record"):
         factors = motion.course.factors(dt, r * every, every)
         state = dataclasses.replace(state, work=idle)
         state = jax.block_until_ready(compiled(op, drive, state, dt, factors))
@@ -187,6 +184,7 @@ def run_explicit(
             break
     seconds["steps"] = time.perf_counter() - started - sum(seconds.values())
     u, v, phi = map(np.asarray, _frame(op, state, volume))
+    glued = state.history[len(motion.plies) :] if motion.plies else ()
     columns = [np.asarray(x) for x in zip(*kept, strict=True)] or [np.zeros(0)] * 4
     return Run(
         motion=motion,
@@ -201,6 +199,7 @@ def run_explicit(
         seconds=seconds,
         peak_memory=peak_memory(),
         last_damage=phi,
+        glued=tuple(np.asarray(h) < 0.0 for h in glued),
     )
 
 
@@ -212,18 +211,6 @@ def _row(t: float, found: dict[str, Any]) -> dict[str, Any]:
 
 def _framed(r: int, records: int, frames: int) -> bool:
     return bool(frames) and r % (records // frames) == 0
-
-
-def _bar(steps: range, total: int, progress: bool | None) -> Iterator[int]:
-    if progress is None:
-        progress = sys.stderr.isatty()
-    if not progress:
-        return iter(steps)
-    try:
-        from tqdm import tqdm  # noqa: PLC0415
-    except ModuleNotFoundError:
-        return iter(steps)
-    return iter(tqdm(steps, total=total, initial=steps.start, unit="record"))
 
 
 def _keep(folder: str | Path | None) -> Path | None:
@@ -244,17 +231,7 @@ def _read(file: Path, r: int) -> tuple[Any, ...]:
 
 def _mark(motion: Motion, *numbers: float) -> str:
     """Whose checkpoint it is: a digest of all that the run depends on."""
-    digest = hashlib.sha256()
-    leaves, tree = jax.tree.flatten(motion)
-    # functions print where they lie in memory
-    words = re.sub(r" at 0x[0-9a-f]+", "", str(tree))
-    for word in (words, *map(repr, numbers)):
-        digest.update(word.encode())
-    for leaf in leaves:
-        array = np.ascontiguousarray(leaf)
-        digest.update(f"{array.dtype}{array.shape}".encode())
-        digest.update(array.tobytes())
     dt, every, records, frames = numbers
     size = f"{len(motion.X)} points, {records * every} steps of {dt:.6g} s"
     kept = f"{records} records, {frames} frames"
-    return f"a run of {size}, {kept}, {digest.hexdigest()[:16]}"
+    return f"a run of {size}, {kept}, {io.digest(motion, *numbers)}"

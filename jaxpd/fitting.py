@@ -205,7 +205,9 @@ def fit(
 
 def _mark(inverse: Inverse, method: Any, rate: float) -> str:
     """What tells this fit from others: its numbers and settings, not its solver."""
-    problem = dataclasses.replace(inverse.problem, linear=LinearSolver())
+    problem = inverse.problem
+    if any(f.name == "linear" for f in dataclasses.fields(problem)):
+        problem = dataclasses.replace(problem, linear=LinearSolver())
     told = hashlib.sha256(repr(problem.spec).encode())
     for leaf in jax.tree.leaves(dataclasses.replace(inverse, problem=problem)):
         x = np.asarray(leaf)

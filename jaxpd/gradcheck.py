@@ -139,14 +139,16 @@ def taylor(
         )
         return value, slope, curvature
 
+    alone = jax.jit(function)  # most values need no derivative
+
     found = {}
     for name, q in directions.items():
-        q = jax.tree.map(lambda x, p: jnp.broadcast_to(x, jnp.shape(p)) + 0.0, q, at)
+        q = jax.tree.map(_like, q, at)  # of one type: compiled once
         value, slope, curvature = map(float, expand(at, q, operands))
 
         def along(h, q=q):
             moved = jax.tree.map(lambda p, dp: p + h * dp, at, q)
-            return float(expand(moved, q, operands)[0])
+            return float(alone(moved, *operands))
 
         rest = [abs(along(x) - value - x * slope - 0.5 * x * x * curvature) for x in h]
         difference = (along(h[-1]) - along(-h[-1])) / (2 * h[-1])
@@ -212,13 +214,22 @@ def check(
     directions = {}
     for name in names or at:
 
-        def change(x, name=name):
-            size = _size(name, x, at) or fallback.get(name, 1.0)
+        def change(path, x, name=name):
+            parts = [getattr(step, "key", None) for step in path]
+            around = at if len(path) < 2 else at[name][path[0].idx]
+            own = parts[-1] if parts else name  # of a laminate that of a ply
+            size = _size(str(own), x, around) or fallback.get(name, 1.0)
             return rng.normal(size=jnp.shape(x)) * size
 
         still = jax.tree.map(jnp.zeros_like, at)
-        directions[name] = still | {name: jax.tree.map(change, at[name])}
+        moved = jax.tree_util.tree_map_with_path(change, at[name])
+        directions[name] = still | {name: moved}
     return taylor(function, at, directions, problem, **options)
+
+
+def _like(x: Any, p: Any) -> jax.Array:
+    p = jnp.asarray(p)
+    return jnp.broadcast_to(jnp.asarray(x, p.dtype), p.shape)
 
 
 def _size(name: str, value: Any, params: Params) -> float:

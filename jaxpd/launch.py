@@ -7,23 +7,36 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpd.body import cloud_of, free_faces, loads_on, starts_on, supports_on
+from jaxpd.body import (
+    check_bonds,
+    cloud_of,
+    free_faces,
+    loads_on,
+    starts_on,
+    supports_on,
+)
 from jaxpd.course import Course
+from jaxpd.cuts import cut_bonds, memory_of
 from jaxpd.discretize import beyond_faces
 from jaxpd.discretize.extension import check_cracks
-from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
-from jaxpd.geometry.crack import check_dimension
+from jaxpd.geometry import find, find_on_grid
+from jaxpd.glue import glue_of
+from jaxpd.laminate import Laminate
+from jaxpd.model import correction_of, model_of
 from jaxpd.motion import Motion
+from jaxpd.operators.ghosts import start
 from jaxpd.operators.pulled_motion import PulledMotion
-from jaxpd.operators.row import row_of, start_bits
 from jaxpd.operators.slots import curve
+from jaxpd.operators.sum_motion import SumMotion
 from jaxpd.physics.damage import Brittle, Softening
-from jaxpd.prepare import correction_of, model_of
+from jaxpd.plies import ply_scenes
 from jaxpd.problem import Problem, Spec
-from jaxpd.scene import Elastic, Kernel, Scene
+from jaxpd.resolution import Kernel
+from jaxpd.scene import Elastic, Scene
 from jaxpd.solvers.explicit import largest_dt, stable_dt
 from jaxpd.solvers.linear import LinearSolver
 from jaxpd.solvers.newton import Newton
+from jaxpd.stack import own, stacked
 
 DTYPES = ("float32", "float64")
 
@@ -52,6 +65,7 @@ def prepare_motion(
     Raises:
         ValueError: naming the argument, its value and the cure.
     """
+    check_bonds(scene, "motion")
     real = jax.dtypes.canonicalize_dtype(float).name
     dtype = real if dtype is None else dtype
     if dtype not in DTYPES or (dtype == "float64" and real != dtype):
@@ -61,6 +75,8 @@ def prepare_motion(
         )
     if softening is not None and not 0 < softening < 1:
         raise ValueError(f"softening: {softening} must lie between 0 and 1")
+    if isinstance(scene.body, Laminate):
+        return _laminated(scene, operator, dtype, softening)
     material, resolution = scene.material, scene.resolution
     rho = getattr(material, "rho", None)
     if rho is None:
@@ -137,12 +153,75 @@ def prepare_motion(
         no_fail = _unbreakable(scene, X)
     order = curve(points) if kind == "slots" else None
     course = Course(kind, breaks, softening, loads, moves, dtype)
-    cut = _cut(scene, cloud, points, family, delta)
+    cut = cut_bonds(scene, cloud, points, family, delta)
     law = params.get("law", Softening if softening is not None else Brittle)
     begin, untouched = (
-        _memory(family, x, order, kind, law.start, dtype) for x in (cut, None)
+        memory_of(family, x, order, kind, law.start, dtype) for x in (cut, None)
     )
     return Motion(problem, params, fixed, begin, untouched, vol, no_fail, order, course)
+
+
+def _laminated(
+    scene: Scene, operator: str, dtype: str, softening: float | None
+) -> Motion:
+    """The motion of a laminate: those of its plies, and what is common."""
+    soft = [getattr(ply.material, "G0", None) for ply in ply_scenes(scene)]
+    if softening is not None and not any(soft):
+        raise ValueError(
+            "softening: is for plies of Elastic with a fracture energy G0; interlayers "
+            "break at once"
+        )
+    plies = tuple(
+        prepare_motion(
+            ply,
+            operator=operator,
+            dtype=dtype,
+            softening=softening if getattr(ply.material, "G0", None) else None,
+        )
+        for ply in ply_scenes(scene)
+    )
+    problems = [ply.problem for ply in plies]
+    X, vol = (
+        np.concatenate([np.asarray(getattr(p, name)) for p in plies])
+        for name in ("X", "vol")
+    )
+    fixed, moved, moves = supports_on(scene, X)
+    pulled, loads = loads_on(scene, X, vol, fixed)
+    u0, v0 = (x.astype(X.dtype) for x in starts_on(scene, X))
+    body: Any = scene.body
+    glue = glue_of(scene, problems)
+    conditions = (fixed, moved.astype(X.dtype), pulled.astype(X.dtype))
+    stack = stacked(problems, glue, body.layers, conditions)
+    strong = _unbreakable(scene, X)
+    no_fail = tuple(
+        strong[joint.points[joint.sources]].any(axis=1) if scene.no_fail else None
+        for joint, _ in glue
+    )
+    joints, whole = (
+        [jax.device_put(start(joint, cut).astype(dtype)) for joint, _ in glue]
+        for cut in (True, False)
+    )
+    course = Course(
+        kind="stack",
+        breaks=any(ply.course.breaks for ply in plies),
+        softening=softening,
+        loads=loads,
+        moves=moves,
+        dtype=dtype,
+    )
+    own_params = tuple(own(ply.params) for ply in plies)
+    return Motion(
+        problem=stack,
+        params=stack.params | {"plies": own_params, "u0": u0, "v0": v0},
+        fixed=fixed,
+        begin=(*(ply.begin for ply in plies), *joints),
+        untouched=(*(ply.untouched for ply in plies), *whole),
+        vol=vol,
+        no_fail=no_fail,
+        order=None,
+        course=course,
+        plies=plies,
+    )
 
 
 def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
@@ -182,41 +261,6 @@ def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> 
     return asked
 
 
-def _cut(scene: Scene, cloud: Cloud, X: Any, family: Any, delta: float) -> Any:
-    """Bonds that the cracks cut: (point, slot) [2, b], or a mask [k, n]."""
-    if not scene.cracks:
-        return None
-    if isinstance(family, GridFamily):
-        cracked = find_on_grid(
-            cloud, delta, partial=family.partial, cracks=scene.cracks
-        )
-        return np.asarray(cracked.cut)
-    nbr = np.asarray(family.nbr)
-    here = np.arange(len(X), dtype=np.int32)
-    cut = np.zeros(nbr.shape, bool)
-    check_dimension(scene.cracks, X.shape[1])
-    for crack in scene.cracks:
-        for row, hit in zip(nbr, cut, strict=True):
-            hit |= crack.cuts(X, here, row)
-    return cut
-
-
-def _memory(
-    family: Any, cut: Any, order: Any, kind: str, start: Any, dtype: str
-) -> Any:
-    """The memory of the bonds at time 0, as the operator of that kind keeps it."""
-    if kind == "halves":
-        return jax.device_put(start_bits(row_of(family.shape, family.offsets), cut))
-    nbr = np.asarray(family.nbr)
-    there = nbr != np.arange(nbr.shape[1])
-    if cut is not None:
-        there &= ~cut
-    if kind == "slots":
-        return jax.device_put(there[:, order])
-    real = bool if isinstance(start, bool) else dtype
-    return jax.device_put((np.full(nbr.shape, start, real), there))
-
-
 def longest_dt(motion: Motion) -> float:
     """A time step (s) that is stable, surface corrections included; host.
 
@@ -227,6 +271,7 @@ def longest_dt(motion: Motion) -> float:
     op, drive = jax.jit(Motion.build)(motion, motion.params)
     diagonal = jax.jit(lambda op, history: op.diagonal(history))(op, motion.begin)
     dt = stable_dt(np.asarray(diagonal), np.asarray(op.pick(drive.mass)))
-    if isinstance(op, PulledMotion):
+    plies = op.plies if isinstance(op, SumMotion) else (op,)
+    if any(isinstance(ply, PulledMotion) for ply in plies):
         dt = max(dt, 0.95 * largest_dt(op.plain(), drive, motion.begin))
     return dt

@@ -13,6 +13,7 @@ and zero in G0. `softening=` of `prepare_motion` makes the loss gradual instead.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,13 +30,15 @@ from jaxpd.course import Course
 from jaxpd.discretize.extension import Extension
 from jaxpd.geometry.family import Family, partial_volumes
 from jaxpd.geometry.grid_family import offset_lengths, offset_shares
+from jaxpd.glue import glue_force, glue_mass
 from jaxpd.operators import BondForce, Pulled, StencilForce
 from jaxpd.operators.halves import HalfForce
 from jaxpd.operators.memory import MemoryForce
 from jaxpd.operators.pulled_motion import PulledMotion
-from jaxpd.operators.slots import SlotForce
+from jaxpd.operators.slots import SlotForce, slot_force
+from jaxpd.operators.sum_motion import SumMotion
 from jaxpd.physics.damage import Brittle, Softening, critical_stretch
-from jaxpd.problem import Params, Problem
+from jaxpd.problem import Params
 from jaxpd.solvers.explicit import Drive, State, begin, verlet
 
 
@@ -45,7 +48,8 @@ class Motion:
     """A scene made ready to move.
 
     Attributes:
-        problem: points and bonds, none of them cut.
+        problem: points and bonds, none of them cut: a `Problem`, of a laminate a
+            `Stack`.
         params: defaults of what may be varied or differentiated: E [] or [n] (Pa) with
             alpha, ratio or omega of the influence function, or `law`; rho [] or [n]
             (kg/m^3); G0 [] (J/m^2) where bonds break; u0, v0 [n, d] (m, m/s); load
@@ -58,9 +62,11 @@ class Motion:
         no_fail: mask of points whose bonds never break [n], or None.
         order: numbers of the points along a curve [n], for "slots".
         course: how it is modelled, static.
+        plies: of a laminate the motion of each ply; `params` are then nested, and
+            `begin` has a memory a ply and a layer.
     """
 
-    problem: Problem
+    problem: Any
     params: Params
     fixed: Any
     begin: Any
@@ -69,6 +75,7 @@ class Motion:
     no_fail: Any
     order: Any
     course: Course = field(metadata={"static": True})
+    plies: tuple[Motion, ...] = ()
 
     @property
     def X(self) -> PointVector:
@@ -91,6 +98,11 @@ class Motion:
 
     def operator(self, params: Params) -> Any:
         """The operator of the given parameters; see `jaxpd.operators.protocol`."""
+        if self.plies:
+            pairs = zip(self.plies, params["plies"], strict=True)
+            plies = tuple(ply.operator(p) for ply, p in pairs)
+            op = SumMotion(plies, self._joints(params), self.problem.sizes)
+            return op.placed()
         bonds, s_crit = self._bonds(params)
         if isinstance(bonds, Pulled):
             op = self._operator(bonds.op, s_crit, bonds.P(jnp.asarray(self.vol)))
@@ -99,21 +111,39 @@ class Motion:
             return PulledMotion(op, Extension(bonds.P.sources, weights))
         return self._operator(bonds, s_crit, self.vol)
 
+    def _joints(self, params: Params) -> tuple[Any, ...]:
+        """The interlayers of the given parameters."""
+        layers = params["interlayers"]
+        each = zip(self.problem.glue, layers, self.no_fail, strict=True)
+        return tuple(self._cast(glue_force(*one)) for one in each)
+
+    def _cast(self, tree: Any) -> Any:
+        """The same with floating-point numbers of the motion's kind."""
+        dtype = jnp.dtype(self.course.dtype)
+        return jax.tree.map(
+            lambda x: (
+                jnp.asarray(x, dtype)
+                if jnp.issubdtype(jnp.result_type(x), jnp.floating)
+                else x
+            ),
+            tree,
+        )
+
+    def _mass(self, params: Params) -> Any:
+        """Masses [n] (kg)."""
+        if not self.plies:
+            n = len(self.X)
+            return jnp.broadcast_to(jnp.asarray(params["rho"]), (n,)) * self.vol
+        plies = zip(self.plies, params["plies"], strict=True)
+        mass = jnp.concatenate([ply._mass(p) for ply, p in plies])
+        for one in zip(self.problem.glue, params["interlayers"], strict=True):
+            mass = mass + glue_mass(*one, len(mass))
+        return mass
+
     def _operator(
         self, bonds: Any, s_crit: Any, vol: Any
     ) -> HalfForce | SlotForce | MemoryForce:
-        dtype = jnp.dtype(self.course.dtype)
-
-        def cast(tree):
-            return jax.tree.map(
-                lambda x: (
-                    jnp.asarray(x, dtype)
-                    if jnp.issubdtype(jnp.result_type(x), jnp.floating)
-                    else x
-                ),
-                tree,
-            )
-
+        cast = self._cast
         if isinstance(bonds, StencilForce):
             law, family = bonds.law, bonds.family
             nodal = jnp.ndim(law.c) == 1
@@ -136,7 +166,8 @@ class Motion:
         share = partial_volumes(bonds.X, vol, family, delta)
         share = jax.lax.map(lambda slot: slot[1] * vol[slot[0]], (family.nbr, share))
         if self.course.kind == "slots":
-            return self._slots(bonds, s_crit, share, cast)
+            op = slot_force(bonds, jnp.asarray(s_crit), share, jnp.asarray(self.order))
+            return cast(dataclasses.replace(op, breaks=self.course.breaks))
         law = bonds.law
         if self.course.softening is not None:
             width = self.course.softening
@@ -147,28 +178,6 @@ class Motion:
             law = Brittle(law, jnp.asarray(s_crit))
         X, weight, law, delta, share = cast((bonds.X, bonds.weight, law, delta, share))
         return MemoryForce(BondForce(X, bonds.nbr, weight, law, delta), share)
-
-    def _slots(self, bonds: BondForce, s_crit: Any, share: Any, cast: Any) -> SlotForce:
-        law, order = bonds.law, jnp.asarray(self.order)
-        here = jnp.arange(len(order), dtype=order.dtype)
-        place = jnp.zeros_like(order).at[order].set(here)
-        nbr = place[bonds.nbr[:, order]]
-        X = bonds.X[order]
-        lead = jnp.zeros(X.shape[1]).at[0].set(1.0) * bonds.delta
-
-        def of(slot):
-            nbr, weight = slot
-            pad = jnp.where(nbr == here, 1.0, 0.0)
-            xi = X[nbr] - X + pad[:, None] * lead[None, :]
-            c = law.c if jnp.ndim(law.c) == 0 else law.c[order]
-            c = c if jnp.ndim(c) == 0 else 0.5 * (c + c[nbr])
-            r = jnp.sqrt(jnp.sum(xi * xi, axis=1))
-            return xi.T, r, weight * c * law.omega(r)
-
-        xi, r, stiff = jax.lax.map(of, (nbr, bonds.weight[:, order]))
-        s = s_crit if jnp.ndim(s_crit) == 0 else s_crit[order]
-        xi, r, stiff, s, share = cast((xi, r, stiff, s, share[:, order]))
-        return SlotForce(nbr, xi, r, stiff, s, share, order, place, self.course.breaks)
 
     def build(self, params: Params) -> tuple[Any, Drive]:
         """Operator and drive of the given parameters.
@@ -183,7 +192,7 @@ class Motion:
                 f"{{name: value}}; there are {sorted(self.params)}"
             )
         n, d = self.X.shape
-        for name in set(params) - {"law", "omega"}:
+        for name in set(params) - {"law", "omega", "plies", "interlayers"}:
             shape, usual = jnp.shape(params[name]), jnp.shape(self.params[name])
             nodal = name in ("E", "rho", "G0") and shape in ((), (n,))
             if shape != usual and not nodal:
@@ -195,7 +204,7 @@ class Motion:
         def lay(x):
             return op.lay(jnp.asarray(x, dtype))
 
-        mass = op.lay(jnp.broadcast_to(jnp.asarray(params["rho"]), (n,)) * self.vol)
+        mass = op.lay(self._mass(params))
         mass = jnp.where(op.lay(np.ones(n)) > 0.0, mass, 1.0)  # empty places
         mass = jnp.asarray(mass, dtype)
         shape = (0, d, len(mass))

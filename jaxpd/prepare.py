@@ -1,7 +1,6 @@
 """Preparing a scene: everything that is done once, on the host.
 
-Points, bonds, supports and loads, the checks with their cures, the operator and the
-linear solver. What comes out is a `Problem`; everything after this may be traced.
+Points, bonds, supports, loads, checks with their cures, operator and linear solver.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd.body import (
-    check_correction,
     check_held,
     cloud_of,
     free_faces,
@@ -26,9 +24,13 @@ from jaxpd.discretize import beyond_faces
 from jaxpd.discretize.directional import DIRECTIONAL
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.geometry.grid_family import offset_sums
+from jaxpd.glue import glue_of
+from jaxpd.laminate import Laminate
+from jaxpd.model import correction_of, is_symmetric, model_of
+from jaxpd.nodes import nodal_problem
 from jaxpd.operators.lattice import index_pairs
 from jaxpd.operators.patches import share
-from jaxpd.physics import bond_block, elastic
+from jaxpd.plies import check_stack, ply_scenes
 from jaxpd.problem import (
     OPERATORS,
     Params,
@@ -37,12 +39,16 @@ from jaxpd.problem import (
     first_tangent,
     separate,
 )
-from jaxpd.scene import Elastic, Kernel, Scene, Solid
+from jaxpd.resolution import MLS, NODES, Kernel
+from jaxpd.scene import Scene
 from jaxpd.solvers.choice import cheapest
 from jaxpd.solvers.linear import METHODS, LinearSolver
 from jaxpd.solvers.newton import Newton
+from jaxpd.stack import Stack, stacked
+from jaxpd.weak_nodes import galerkin_problem
 
-TANGENTS = ("ad", "hand", "axial")
+#: Tangents of bonds, and of laws of nodes.
+TANGENTS = (("ad", "hand", "axial"), ("ad", "hand", "continuum"))
 
 
 def prepare(
@@ -56,8 +62,8 @@ def prepare(
     load_steps: int = 1,
     max_iterations: int = 20,
     linear_maxiter: int = 10_000,
-) -> Problem:
-    """Do the host work of a scene once. Everything after this is traced.
+) -> Any:
+    """Do the host work of a scene once; everything after this is traced.
 
     Args:
         scene: what to solve.
@@ -67,19 +73,26 @@ def prepare(
             shifted slices and, for small displacements, "fft" by convolution. "auto"
             takes the last of them that will do.
         tangent: "ad" by `jax.jacfwd` of the bond force; "hand", the law's own
-            derivation, the same numbers; "axial", its axial part alone.
+            derivation, the same numbers; "axial", its axial part alone; of a law of
+            nodes also "continuum", that of infinitely small steps.
         rtol: relative tolerance of the residual, Newton's and the solution's.
         linear_rtol: that of each linear solve; `rtol` by default.
         load_steps: load steps to begin with.
         max_iterations: Newton iterations of a load step before it is halved.
         linear_maxiter: most Krylov iterations of a linear solve.
 
+    Returns:
+        A `Problem`; of a laminate a `Stack`, whose parameters are nested; of nodes a
+        `NodalProblem` or `GalerkinProblem`. They have the same methods, as far as they
+        make sense.
+
     Raises:
         ValueError: naming the argument, its value and the cure: a Poisson's ratio out
             of reach, points without bonds, rigid-body motion left free, an unknown
             word, a tolerance that float32 cannot reach.
     """
-    _check_words(solver, operator, tangent, rtol, load_steps)
+    known = TANGENTS[isinstance(scene.resolution, NODES)]
+    _check_words(solver, operator, (tangent, known), rtol, load_steps)
     for name, number in (
         ("max_iterations", max_iterations),
         ("linear_maxiter", linear_maxiter),
@@ -87,6 +100,38 @@ def prepare(
     ):
         if not number > 0:
             raise ValueError(f"{name}: {number} must be positive")
+    if isinstance(scene.resolution, NODES):
+        if operator != "auto":
+            raise ValueError(f"operator: {operator!r} is for bonds; leave it out here")
+        settings = _newton(rtol, max_iterations, load_steps)
+        limits = (linear_rtol or rtol, linear_maxiter)
+        make = nodal_problem if isinstance(scene.resolution, MLS) else galerkin_problem
+        return make(scene, solver, tangent, settings, limits)
+    if scene.starts or scene.no_fail:
+        raise ValueError("starts, no_fail: are for run_explicit, not for statics")
+    if isinstance(scene.body, Laminate):
+        newton = (rtol, max_iterations, load_steps)
+        stack = _stack(scene, operator, tangent, newton)
+        solver = solver if solver != "auto" else _solver(stack)
+        linear = stack.solver(solver, linear_rtol or rtol, linear_maxiter)
+        return dataclasses.replace(stack, linear=linear)
+    problem = _body(scene, operator, tangent, (rtol, max_iterations, load_steps))
+    _check_stiff(problem)
+    if solver == "auto":
+        solver = _solver(problem)
+    linear = problem.solver(solver, linear_rtol or rtol, linear_maxiter)
+    return dataclasses.replace(problem, linear=linear)
+
+
+def _body(
+    scene: Scene,
+    operator: str,
+    tangent: str,
+    newton: tuple[float, int, int],
+    held: bool = True,
+) -> Problem:
+    """The problem of one body, checked to be held or not; without a linear solver."""
+    rtol = newton[0]
     cloud = cloud_of(scene)
     if cloud.X.dtype == jnp.float32 and rtol < 1e-3:
         raise ValueError(
@@ -100,8 +145,6 @@ def prepare(
             f"m: {delta / cloud.lattice.dx:g} bonds no diagonal neighbours, and such a "
             "lattice resists no shear; use m of at least 1.5, 3 to 8 is common"
         )
-    if scene.starts or scene.no_fail:
-        raise ValueError("starts, no_fail: are for run_explicit, not for statics")
     fixed, moved, times = supports_on(scene, X)
     pulled, courses = loads_on(scene, X, vol, fixed)
     params: Params = {
@@ -117,7 +160,7 @@ def prepare(
         )
     params |= more
     kernel = resolution.kernel
-    symmetric = _is_symmetric(params.get("law"), scene.d)
+    symmetric = is_symmetric(params.get("law"), scene.d)
     if correction == "fictitious":
         operator = "gather"
     elif correction in DIRECTIONAL and operator == "auto" and cloud.regular:
@@ -131,7 +174,8 @@ def prepare(
         assert cloud.lattice is not None
         family = find_on_grid(cloud, delta, **how)
         params["dx"] = np.asarray(cloud.lattice.dx, X.dtype)
-    check_held(X, family, fixed)
+    if held:
+        check_held(X, family, fixed)
     extension = None
     if correction == "fictitious":
         family, extension = beyond_faces(cloud, delta, free=free_faces(scene), **how)
@@ -145,53 +189,39 @@ def prepare(
         tangent=tangent,
         kinematics=scene.kinematics,
         symmetric=symmetric,
-        newton=Newton(
-            rtol,
-            max_iterations,
-            load_steps,
-            max_total=max(200, load_steps * max_iterations),
-        ),
+        newton=_newton(*newton),
         operator=operator,
         **separation,
     )
-    problem = Problem(params, family, fixed, X, LinearSolver(), spec, extension)
-    _check_stiff(problem)
-    if solver == "auto":
-        solver = _solver(problem)
-    linear = problem.solver(solver, linear_rtol or rtol, linear_maxiter)
-    return dataclasses.replace(problem, linear=linear)
+    return Problem(params, family, fixed, X, LinearSolver(), spec, extension)
 
 
-def correction_of(scene: Scene, cloud: Cloud, operator: str = "auto") -> str:
-    """The surface correction asked for, or the default; checked."""
-    correction = scene.resolution.correction
-    if correction is None:
-        correction = "lattice" if cloud.lattice is not None else "analytic"
-    check_correction(correction, scene, cloud, operator)
-    return correction
+def _newton(rtol: float, max_iterations: int, load_steps: int) -> Newton:
+    total = max(200, load_steps * max_iterations)
+    return Newton(rtol, max_iterations, load_steps, max_total=total)
 
 
-def model_of(scene: Scene) -> tuple[tuple[str, float | None, str], Params]:
-    """What the bonds are: "elastic" or "law" with nu and state, and their numbers."""
-    material = scene.material
-    if isinstance(material, Elastic):
-        if elastic.DIMENSIONS[material.state] != scene.d:
-            raise ValueError(
-                f"state: {material.state!r} is {elastic.DIMENSIONS[material.state]}-D "
-                f"and the body is {scene.d}-D; see jaxpd.physics.elastic"
-            )
-        elastic.check_bond_based(material.nu, material.state)
-        kernel = scene.resolution.kernel
-        model = ("elastic", material.nu, material.state)
-        return model, _elastic_params(material, kernel)
-    law = material.law if isinstance(material, Solid) else material
-    inside = getattr(law, "law", law) if hasattr(law, "advance") else law
-    if not (hasattr(inside, "energy") or hasattr(inside, "force")):
-        raise ValueError(
-            f"material: {material!r} must be Elastic, or a law with a method "
-            "energy(xi, eta) or force(xi, eta); see jaxpd.physics.bond"
-        )
-    return ("law", None, ""), {"law": _floats("material", law)}
+def _stack(
+    scene: Scene, operator: str, tangent: str, newton: tuple[float, int, int]
+) -> Stack:
+    """The problem of a laminate; without a linear solver."""
+    plies = [
+        _body(ply, operator, tangent, newton, held=False) for ply in ply_scenes(scene)
+    ]
+    X, vol = (
+        np.concatenate([np.asarray(getattr(p, name)) for p in plies])
+        for name in ("X", "vol")
+    )
+    fixed, moved, times = supports_on(scene, X)
+    pulled, courses = loads_on(scene, X, vol, fixed)
+    prescribed, load = still(moved, times, "supports"), still(pulled, courses, "loads")
+    glue = glue_of(scene, plies)
+    check_stack(X, plies, [joint for joint, _ in glue], fixed)
+    for ply in plies:
+        _check_stiff(ply)
+    body: Any = scene.body
+    conditions = (fixed, prescribed.astype(X.dtype), load.astype(X.dtype))
+    return stacked(plies, glue, body.layers, conditions)
 
 
 def _operator(asked: str, scene: Scene, cloud: Cloud, law: Any, symmetric: bool) -> str:
@@ -218,8 +248,10 @@ def _operator(asked: str, scene: Scene, cloud: Cloud, law: Any, symmetric: bool)
     return asked
 
 
-def _solver(problem: Problem) -> str:
+def _solver(problem: Problem | Stack) -> str:
     """The linear solver that is ready first."""
+    if isinstance(problem, Stack):
+        return "d-pcg" if problem.spec.symmetric else "direct"
     each = problem.spec.correction in DIRECTIONAL
     if each or not isinstance(problem.family, GridFamily):
         return "d-pcg" if problem.spec.symmetric else "direct"
@@ -230,7 +262,11 @@ def _solver(problem: Problem) -> str:
 
 
 def _check_words(
-    solver: str, operator: str, tangent: str, rtol: float, load_steps: int
+    solver: str,
+    operator: str,
+    tangent: tuple[str, tuple[str, ...]],
+    rtol: float,
+    load_steps: int,
 ) -> None:
     for name, word, known in (
         ("solver", solver, METHODS),
@@ -238,8 +274,8 @@ def _check_words(
     ):
         if word not in ("auto", *known):
             raise ValueError(f"{name}: {word!r} must be 'auto' or one of {known}")
-    if tangent not in TANGENTS:
-        raise ValueError(f"tangent: {tangent!r} must be one of {TANGENTS}")
+    if tangent[0] not in tangent[1]:
+        raise ValueError(f"tangent: {tangent[0]!r} must be one of {tangent[1]}")
     if not 0 < rtol < 1:
         raise ValueError(f"rtol: {rtol} must lie between 0 and 1; 1e-6 is common")
     if load_steps < 1:
@@ -249,27 +285,6 @@ def _check_words(
             f"rtol: {rtol} is out of reach of float32; put this line before any array "
             "is made: jax.config.update('jax_enable_x64', True)"
         )
-
-
-def _floats(name: str, tree: Any) -> Any:
-    real = jax.dtypes.canonicalize_dtype(float)
-    try:
-        return jax.tree.map(lambda x: np.asarray(x, real), tree)
-    except TypeError as error:
-        raise ValueError(
-            f"{name}: {tree!r} must be Elastic, a Kernel or a frozen dataclass of "
-            "numbers registered with jax.tree_util.register_dataclass"
-        ) from error
-
-
-def _is_symmetric(law: Any, d: int) -> bool:
-    """Whether tangent blocks are symmetric: by energy, or looked at on random bonds."""
-    if law is None or hasattr(law, "energy"):
-        return True
-    one = jax.tree.map(lambda x: jnp.ravel(x)[0], law)
-    xi, eta = np.random.default_rng(0).normal(size=(2, 8, d))
-    B = np.asarray(jax.vmap(lambda x, e: bond_block(one, x, 0.01 * e))(xi, eta))
-    return bool(np.abs(B - B.transpose(0, 2, 1)).max() <= 1e-8 * np.abs(B).max())
 
 
 @jax.jit
@@ -293,14 +308,3 @@ def _check_stiff(problem: Problem) -> None:
             f"(trace of its block {trace[bad]:.3g}); check the influence function's "
             "moment, the law, and that bonds inside the horizon have weight"
         )
-
-
-def _elastic_params(material: Elastic, kernel: Any) -> Params:
-    params: Params = {"E": _floats("E", material.E)}
-    if not isinstance(kernel, Kernel):
-        params["omega"] = _floats("kernel", kernel)
-    elif kernel.name == "fractional":
-        params["alpha"] = _floats("kernel", kernel.parameter)
-    elif kernel.name == "gaussian":
-        params["ratio"] = _floats("kernel", kernel.parameter)
-    return params

@@ -37,7 +37,7 @@ from jaxpd.operators import (
 )
 from jaxpd.operators.rest import BondsAtRest, LinearForce
 from jaxpd.physics import Microelastic, micromodulus
-from jaxpd.scene import Kernel
+from jaxpd.resolution import Kernel
 from jaxpd.solvers.amg import build_hierarchy
 from jaxpd.solvers.hierarchy import build_multigrid
 from jaxpd.solvers.implicit import equilibrium
@@ -75,6 +75,14 @@ class Problem:
     linear: LinearSolver
     spec: Spec = field(metadata={"static": True})
     extension: Extension | None = None
+
+    @property
+    def vol(self) -> PointScalar:
+        """Volumes [n] (m^d)."""
+        if "vol" in self.params:
+            return self.params["vol"]
+        d = self.X.shape[1]
+        return np.full(len(self.X), self.params["dx"] ** d)
 
     def law(self, params: Params, d: int) -> Any:
         """The bond law of the given parameters."""
@@ -147,15 +155,15 @@ class Problem:
         shorter one. A shape derivative in X leaves the volumes `vol` as they are,
         unless they are moved too. A small misfit needs an `rtol` well below its size.
         """
-        return _solve(self, self.params if params is None else params)
+        return solve_problem(self, self.params if params is None else params)
 
     def reaction(self, u: PointVector, params: Params | None = None) -> PointVector:
         """Forces of the supports on the body [n, d] (N). Pure."""
-        return _reaction(self, u, self.params if params is None else params)
+        return reaction_of(self, u, self.params if params is None else params)
 
     def energy(self, u: PointVector, params: Params | None = None) -> PointScalar:
         """Stored energy of each point [n] (J), NaN for a law without one. Pure."""
-        return _energy(self, u, self.params if params is None else params)
+        return energy_of(self, u, self.params if params is None else params)
 
     def solver(
         self, method: str, rtol: float = 1e-6, maxiter: int = 10_000
@@ -223,20 +231,23 @@ class Problem:
 
 # compiled even where the caller is not: operation by operation each would be
 @jax.jit
-def _solve(problem: Problem, params: Params) -> tuple[PointVector, NewtonInfo]:
+def solve_problem(problem: Any, params: Params) -> tuple[PointVector, NewtonInfo]:
+    """Displacements in equilibrium of a problem, or of a stack of them."""
     operator, constraints, load = problem.force(params)
     newton, linear, u0 = problem.spec.newton, problem.linear, jnp.zeros_like(load)
     return equilibrium(newton, operator, constraints, load, linear, u0)
 
 
 @jax.jit
-def _reaction(problem: Problem, u: PointVector, params: Params) -> PointVector:
+def reaction_of(problem: Any, u: PointVector, params: Params) -> PointVector:
+    """Forces of the supports of a problem, or of a stack of them."""
     operator, constraints, load = problem.force(params)
     return jnp.where(constraints.fixed, -(operator.respond(u) + load), 0.0)
 
 
 @jax.jit
-def _energy(problem: Problem, u: PointVector, params: Params) -> PointScalar:
+def energy_of(problem: Any, u: PointVector, params: Params) -> PointScalar:
+    """Stored energy of the points of a problem, or of a stack of them."""
     operator, _, _ = problem.build(params)
     if not hasattr(operator.law, "energy"):
         return jnp.full(len(u), jnp.nan)
@@ -244,7 +255,7 @@ def _energy(problem: Problem, u: PointVector, params: Params) -> PointScalar:
 
 
 @jax.jit
-def first_tangent(problem: Problem) -> Any:
+def first_tangent(problem: Any) -> Any:
     """Stiffness of the undeformed body."""
     return problem.stiffness()
 

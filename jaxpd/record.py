@@ -46,6 +46,8 @@ class Run:
         stopped: why the run was stopped early, or None.
         seconds: wall time of "prepare", "compile" and "steps" of this process.
         peak_memory: highest resident memory of the process so far (bytes).
+        last_damage: damage index at the end [n] (-), pre-cracks included.
+        glued: of a laminate, which ghosts of each interlayer are intact [q] at the end.
     """
 
     motion: Motion
@@ -66,6 +68,7 @@ class Run:
     seconds: dict[str, float]
     peak_memory: int
     last_damage: np.ndarray
+    glued: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
         """One line: size, time, balance, and why it stopped."""
@@ -100,6 +103,25 @@ class Run:
         # 1 - intact now / intact at the start, where anything was
         left = np.maximum(1.0 - self.damage0, 1e-6)
         return np.where(left > 1e-6, 1.0 - (1.0 - self.last_damage) / left, 0.0)
+
+    def delaminated(self, layer: int = 0) -> tuple[np.ndarray, np.ndarray, float]:
+        """Where an interlayer of a laminate has come apart, notches included.
+
+        Args:
+            layer: which one, from 0 below.
+
+        Returns:
+            Places of its ghosts [q, d] (m), a mask of the broken ones [q], and the area
+            (m^(d-1)) that these stand for.
+
+        Raises:
+            ValueError: if there is no such interlayer.
+        """
+        if not 0 <= layer < len(self.glued):
+            raise ValueError(f"layer: {layer} must lie in 0..{len(self.glued) - 1}")
+        joint, _ = self.motion.problem.glue[layer]
+        broken = ~self.glued[layer]
+        return joint.places, broken, float(joint.area[broken].sum())
 
     def checked(self) -> Run:
         """This run, if it reached its end.

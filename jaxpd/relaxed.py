@@ -17,6 +17,7 @@ from jaxpd.physics.damage import Brittle
 from jaxpd.scene import Scene
 from jaxpd.solvers.relaxation import SPARE, relax
 from jaxpd.solvers.status import NotConverged, Status
+from jaxpd.stack import own
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +104,19 @@ def solve_relaxed(
 def _unbroken(motion: Motion) -> Motion:
     """The same motion with bonds that do not break."""
     course, params = motion.course, dict(motion.params)
+    plies = tuple(map(_unbroken, motion.plies))
+    if plies:
+        params["plies"] = tuple(own(ply.params) for ply in plies)
+        params["interlayers"] = tuple(
+            dataclasses.replace(layer, G0=None) for layer in params["interlayers"]
+        )
     if course.softening is not None:
         raise ValueError("softening: smoothed damage is for runs in time; leave it out")
     if isinstance(params.get("law"), Brittle):
         s_crit = np.full_like(params["law"].s_crit, np.inf)
         params["law"] = dataclasses.replace(params["law"], s_crit=s_crit)
     course = dataclasses.replace(course, breaks=False)
-    return dataclasses.replace(motion, course=course, params=params)
+    return dataclasses.replace(motion, course=course, params=params, plies=plies)
 
 
 @jax.jit

@@ -14,11 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.compiling import quickly
+from jaxpd.galerkin import GalerkinProblem, solve_galerkin
 from jaxpd.geometry import Crack, Region
+from jaxpd.nodal import NodalProblem
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem, first_system, first_tangent, host_system
 from jaxpd.scene import Scene
-from jaxpd.solvers.linear import LinearSolver, quickly, solve_system
+from jaxpd.solvers.linear import LinearSolver, solve_system
 from jaxpd.solvers.newton import NewtonInfo, one_solve
 from jaxpd.solvers.status import NotConverged, Status
 
@@ -44,16 +47,20 @@ class Solution:
 
     Attributes:
         scene: what was solved.
-        problem: what it was prepared into.
+        problem: what it was prepared into, a `Problem` or `Stack`.
         u: displacements [n, d] (m).
+        unknowns: what was solved for [n, d] (m): displacements too, but for kernels
+            that do not interpolate (`jaxpd.GalerkinProblem`); methods of the problem
+            ask for these.
         info: how the solve went.
         seconds: wall time of "prepare" and "solve", compilation included.
         peak_memory: highest resident memory of the process so far (bytes).
     """
 
     scene: Scene
-    problem: Problem
+    problem: Any
     u: PointVector
+    unknowns: PointVector
     info: NewtonInfo
     seconds: dict[str, float]
     peak_memory: int
@@ -61,12 +68,12 @@ class Solution:
     @functools.cached_property
     def reaction(self) -> PointVector:
         """Forces of the supports on the body [n, d] (N)."""
-        return self.problem.reaction(self.u)
+        return self.problem.reaction(self.unknowns)
 
     @functools.cached_property
     def energy(self) -> PointScalar:
         """Stored energy of each point [n] (J); NaN for a law without one."""
-        return self.problem.energy(self.u)
+        return self.problem.energy(self.unknowns)
 
     def __repr__(self) -> str:
         """One line: sizes, status and counts."""
@@ -84,9 +91,7 @@ class Solution:
     @property
     def energy_density(self) -> PointScalar:
         """Stored energy per volume [n] (J/m^3)."""
-        params = self.problem.params
-        volume = params["vol"] if "vol" in params else params["dx"] ** self.X.shape[1]
-        return self.energy / volume
+        return self.energy / self.problem.vol
 
     @property
     def status(self) -> Status:
@@ -115,7 +120,8 @@ class Solution:
             NotConverged: with status, residual history and cure.
         """
         if self.status is not Status.CONVERGED:
-            small = self.scene.kinematics == "small"
+            spec = self.problem.spec
+            small = getattr(spec, "linear", spec.kinematics == "small")
             what = "linear solve" if small else "Newton's method"
             what += f" ({self.problem.linear.method}"
             what += f", load factor {float(self.info.load_factor):.3g})"
@@ -126,6 +132,21 @@ class Solution:
         """Resultant [d] (N) of the supports' forces on the points in a region."""
         inside = region.contains(np.asarray(self.X))
         return np.asarray(self.reaction)[inside].sum(axis=0)
+
+    def traction(self, layer: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Places of an interlayer's ghosts [q, d] (m) and its traction there (Pa).
+
+        The traction [q, d] that a laminate's layer, counted from 0 below, passes on:
+        along the axis positive in tension, across it the shear.
+
+        Raises:
+            ValueError: if there is no such interlayer.
+        """
+        glue = getattr(self.problem, "glue", ())
+        if not 0 <= layer < len(glue):
+            raise ValueError(f"layer: {layer} must lie in 0..{len(glue) - 1}")
+        found = self.problem.traction(self.u)[layer]
+        return glue[layer][0].places, np.asarray(found)
 
     def opening(self, crack: Crack, at: float = 0.5) -> float:
         """Opening (m) of a 2-D crack at the edge coordinate `at` in 0..1.
@@ -183,21 +204,31 @@ def solve_static(scene: Scene, **options: Any) -> Solution:
     """
     start = time.perf_counter()
     problem = prepare(scene, **options)
+    if isinstance(problem, NodalProblem | GalerkinProblem):
+        problem.spec.check_static()
     ready = time.perf_counter()
-    u, info = jax.block_until_ready(equilibrium(problem))
+    u, unknowns, info = jax.block_until_ready(_solved(problem))
     solved = time.perf_counter()
     seconds = {"prepare": ready - start, "solve": solved - ready}
-    return Solution(scene, problem, u, info, seconds, peak_memory())
+    return Solution(scene, problem, u, unknowns, info, seconds, peak_memory())
 
 
-def equilibrium(problem: Problem) -> tuple[PointVector, NewtonInfo]:
+def _solved(problem: Any) -> tuple[PointVector, PointVector, NewtonInfo]:
+    """Displacements of the points, unknowns, and how the solve went."""
+    if isinstance(problem, GalerkinProblem):
+        return solve_galerkin(problem)
+    u, info = equilibrium(problem)
+    return u, u, info
+
+
+def equilibrium(problem: Any) -> tuple[PointVector, NewtonInfo]:
     """`Problem.solve` of the defaults, in the way that compiles least.
 
     On a lattice with small displacements everything but the iteration is done in NumPy.
     """
     few = len(problem.X) <= QUICK_POINTS[problem.spec.kinematics]
     if problem.spec.operator != "fft":
-        return quickly(Problem.solve)(problem) if few else problem.solve()
+        return quickly(type(problem).solve)(problem) if few else problem.solve()
     K, constraints, b = host_system(problem)
     solve = quickly(LinearSolver.__call__) if few else solve_system
     x, krylov = solve(problem.linear, K, constraints, b)

@@ -7,22 +7,16 @@ Nothing here is traced, searched or solved; `jaxpd.prepare` does that.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from jaxpd.conditions import Load, Start, Support
 from jaxpd.geometry import Box, Cloud, Crack, HalfSpace, Region
+from jaxpd.laminate import Laminate
 from jaxpd.physics import elastic
-from jaxpd.physics.influence import (
-    Conical,
-    Constant,
-    Fractional,
-    Gaussian,
-    Influence,
-    check_order,
-)
+from jaxpd.resolution import NODES, Bonds
 
 
 @dataclass(frozen=True)
@@ -76,136 +70,33 @@ class Solid:
             )
 
 
-@dataclass(frozen=True)
-class Kernel:
-    """An influence function by name, so that a scene stays data.
-
-    Attributes:
-        name: "fractional", "constant", "conical" or "gaussian".
-        parameter: order alpha of the fractional kernel; decay length over horizon of
-            the Gaussian.
-    """
-
-    name: str
-    parameter: float = 0.0
-
-    def __post_init__(self):
-        """Refuse an unknown name."""
-        known = ("fractional", "constant", "conical", "gaussian")
-        if self.name not in known:
-            raise ValueError(f"name: {self.name!r} must be one of {known}")
-
-    def influence(self, d: int, delta: Any) -> Influence:
-        """The influence function in d dimensions with horizon `delta` (m)."""
-        if self.name == "fractional":
-            return Fractional(self.parameter, d)
-        if self.name == "constant":
-            return Constant()
-        if self.name == "conical":
-            return Conical(delta)
-        return Gaussian(self.parameter * delta)
-
-
-def fractional(alpha: float) -> Kernel:
-    """The kernel 1 / r^(d + alpha), alpha < 2; alpha = 1 - d is the PMB material."""
-    check_order(alpha)
-    return Kernel("fractional", float(alpha))
-
-
-def constant() -> Kernel:
-    """The influence function omega = 1."""
-    return Kernel("constant")
-
-
-def conical() -> Kernel:
-    """The influence function omega = 1 - r / delta."""
-    return Kernel("conical")
-
-
-def gaussian(ratio: float = 1 / 3) -> Kernel:
-    """The influence function exp(-(r / (ratio delta))^2)."""
-    if not ratio > 0:
-        raise ValueError(f"ratio: {ratio} must be positive")
-    return Kernel("gaussian", float(ratio))
-
-
-@dataclass(frozen=True)
-class Bonds:
-    """Bond-based peridynamics at a resolution.
-
-    Attributes:
-        dx: spacing of the lattice (m); None where the body is a cloud of points.
-        m: horizon over spacing (-); give this or `delta`.
-        delta: horizon (m).
-        kernel: influence function: a `Kernel`, or any pytree of
-            `jaxpd.physics.Influence`.
-        partial: volume of neighbours at the rim of the horizon, "none", "linear" or
-            "continuous"; see `jaxpd.geometry.family.find`.
-        correction: surface correction, "none", "lattice", "analytic", "energy", "force
-            density" or "fictitious"; see `jaxpd.discretize.surface`. None is "lattice"
-            on a lattice, "analytic" on points from elsewhere.
-        nodes: "edge" or "cell"; see `jaxpd.geometry.lattice`.
-        layers: (below, above) layers of points outside the body, per axis. None puts
-            m - 1 layers outside each face that lies on the plane of a half-space
-            support of all components: with the face itself m rows, a volume constraint
-            as thick as the horizon. Rollers get none: points outside that may slide
-            would carry load of their own.
-    """
-
-    dx: float | None = None
-    m: float | None = None
-    delta: float | None = None
-    kernel: Kernel | Influence = Kernel("fractional", 0.0)
-    partial: str = "linear"
-    correction: str | None = None
-    nodes: str = "edge"
-    layers: tuple[tuple[int, int], ...] | None = None
-
-    @property
-    def horizon(self) -> float:
-        """Horizon (m), from `delta` or `m`.
-
-        Raises:
-            ValueError: unless exactly one of them is given, or without a spacing.
-        """
-        if (self.m is None) == (self.delta is None):
-            raise ValueError(
-                f"m: give exactly one of m (got {self.m}) and delta (got {self.delta})"
-            )
-        if self.delta is not None:
-            if not self.delta > 0:
-                raise ValueError(f"delta: {self.delta} must be positive (m)")
-            return float(self.delta)
-        if self.dx is None or not self.dx > 0:
-            raise ValueError(f"dx: {self.dx} must be positive (m) where m is given")
-        if not (self.m or 0) >= 1:
-            raise ValueError(f"m: {self.m} must be at least 1; 3 to 8 is common")
-        return float(self.m or 0) * self.dx
-
-
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A problem of statics or of motion.
 
     Attributes:
-        body: a `Box`, filled with a lattice, or a `Cloud`.
+        body: a `Box`, filled with a lattice, a `Cloud`, or a `Laminate` of boxes.
         material: `Elastic`, `Solid`, or any bond law (a pytree, see
-            `jaxpd.physics.bond`).
+            `jaxpd.physics.bond`); with `MLS` any law of one node, as
+            `jaxpd.von_mises` (see `jaxpd.physics.plasticity`); of a laminate one for
+            all plies, or a list.
         supports: prescribed displacements; later ones override earlier ones.
         loads: external forces; they add up.
         cracks: bonds that they cut are absent.
-        resolution: how fine, and which nonlocal model.
-        kinematics: "finite" displacements (Newton) or "small" (one linear solve).
+        resolution: how fine, and which nonlocal model; of a laminate one for all
+            plies, or a list.
+        kinematics: "finite" displacements (Newton) or "small" (one linear solve);
+            nodes (`MLS`) are for small ones, whatever is said.
         starts: displacements and velocities at time 0; later ones override.
         no_fail: regions whose bonds never break, for motion.
     """
 
-    body: Box | Cloud
+    body: Box | Cloud | Laminate
     material: Any
     supports: tuple[Support, ...] | list[Support] = ()
     loads: tuple[Load, ...] | list[Load] = ()
     cracks: tuple[Crack, ...] | list[Crack] = ()
-    resolution: Bonds = Bonds()
+    resolution: Any = field(default_factory=Bonds)
     kinematics: str = "finite"
     starts: tuple[Start, ...] | list[Start] = ()
     no_fail: tuple[Region, ...] | list[Region] = ()
@@ -224,6 +115,16 @@ class Scene:
                 isinstance(x, kinds) for x in given
             ):
                 raise ValueError(f"{name}: {given!r} must be a list, as in [one, two]")
+        plies = len(self.body.plies) if isinstance(self.body, Laminate) else None
+        for name in ("material", "resolution"):
+            given = getattr(self, name)
+            if type(given) in (tuple, list) and len(given) != plies:
+                raise ValueError(
+                    f"{name}: a list of {len(given)} is for a laminate of as many "
+                    f"plies, and the body has {plies or 'none'}"
+                )
+        if isinstance(self.resolution, NODES):
+            object.__setattr__(self, "kinematics", "small")
         if self.kinematics not in ("finite", "small"):
             raise ValueError(
                 f"kinematics: {self.kinematics!r} must be 'finite' or 'small'"
@@ -232,7 +133,7 @@ class Scene:
     @property
     def d(self) -> int:
         """Number of space dimensions."""
-        return self.body.d if isinstance(self.body, Cloud) else len(self.body.lo)
+        return len(self.body.lo) if isinstance(self.body, Box) else self.body.d
 
     def layers(self) -> tuple[tuple[int, int], ...]:
         """Layers of points outside the body, per axis and side."""

@@ -12,11 +12,14 @@ import jaxpd
 
 PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
-    "_types", "geometry", "physics", "discretize", "operators", "solvers", "schedule",
-    "course", "conditions", "scene", "gallery", "body", "assembly", "problem",
-    "prepare", "motion", "launch", "run", "audit", "io", "record", "explicit",
-    "relaxed", "crack_path", "plot", "gradcheck", "observe", "inverse", "descent",
-    "fitting", "uncertainty", "resample", "__init__", "__main__",
+    "_types", "compiling", "geometry", "physics", "discretize", "operators", "solvers",
+    "schedule", "course", "conditions", "laminate", "resolution", "scene",
+    "gallery", "body", "assembly", "model", "problem", "plies", "glue", "stack",
+    "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
+    "cuts", "launch", "run", "audit", "progress", "io", "replay", "walk", "path",
+    "record", "explicit", "relaxed",
+    "crack_path", "plot", "gradcheck", "observe", "inverse", "descent", "fitting",
+    "uncertainty", "resample", "__init__", "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))
 EXTRAS = {"matplotlib", "meshio", "tqdm"}

@@ -172,6 +172,7 @@ def test_words_that_mean_nothing_are_refused():
     for change, message in (
         ({"material": jaxpd.Elastic(1.0, 1 / 3, "plane stress")}, "density"),
         ({"loads": [jaxpd.traction(jaxpd.above(y=0.1), y=1.0)]}, "face"),
+        ({"loads": [jaxpd.traction(jaxpd.box((0, 0), (1, 1)), x=1.0)]}, "half-space"),
         ({"starts": [jaxpd.initially(jaxpd.above(y=1.0), vx=1.0)]}, "starts: no point"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -193,8 +194,8 @@ def test_words_that_mean_nothing_are_refused():
     ):
         with pytest.raises(ValueError, match=message):
             jaxpd.run_explicit(motion, 1e-6, **options)
-    with pytest.raises(ValueError, match="must be a half-space"):
-        jaxpd.traction(jaxpd.box((0,), (1,)), x=1.0)
+    with pytest.raises(ValueError, match="must be a region"):
+        jaxpd.traction("above", x=1.0)
     with pytest.raises(ValueError, match="statics"):
         jaxpd.prepare(scene)
 

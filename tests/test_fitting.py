@@ -16,6 +16,7 @@ from jaxpd.observe import displacements, observation, openings, reaction_curve
 from jaxpd.resample import ensemble, refit
 from jaxpd.uncertainty import laplace
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
 CRACK = jaxpd.segment((-0.15, 0.0), (0.15, 0.0))
 TOP, BOTTOM = jaxpd.above(y=0.5), jaxpd.below(y=-0.5)
 E, ALPHA = 30e9, 0.7
@@ -174,11 +175,11 @@ def test_intervals_by_curvature_and_by_an_ensemble_agree(rng):
     data, sigma = noisy(rng)
     found = fit(problem(), both(), [displacements(data, sigma)])
     sure = laplace(found)
-    drawn, values = ensemble(found, 60, iterations=3)
+    drawn, values = ensemble(found, 50, iterations=3)  # two batches
     for name, truth in (("E", E), ("alpha", ALPHA)):
         assert sure.low[name] < truth < sure.high[name]
-        assert values[name].shape == (60,)
-    # 60 draws know a standard deviation to 9 %
+        assert values[name].shape == (50,)
+    # 50 draws know a standard deviation to 10 %
     np.testing.assert_allclose(drawn.deviation, sure.deviation, rtol=0.3)
     # noise that is not known is estimated
     unknown = fit(problem(), both(), [displacements(data)])

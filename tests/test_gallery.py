@@ -56,6 +56,7 @@ def test_without_surface_correction_the_table_is_missed():
     np.testing.assert_allclose(ratios, [1.025, 0.710], atol=0.002)
 
 
+@pytest.mark.usefixtures("compiled_quickly")
 @pytest.mark.slow
 def test_tables_5_and_6_at_the_coarsest_lattice():
     for column, m in enumerate(gallery.RATIOS):
@@ -84,6 +85,7 @@ def test_the_crack_opens_as_it_should():
     assert float(np.sum(solution.energy)) == pytest.approx(work, rel=2e-3)
 
 
+@pytest.mark.usefixtures("compiled_quickly")
 @pytest.mark.slow
 @pytest.mark.parametrize("loading", ["band", "displacement"])
 @pytest.mark.parametrize(

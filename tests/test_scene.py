@@ -318,6 +318,7 @@ def test_a_cloud_of_points_is_solved_like_a_lattice(rng):
     assert max(a.linear_iterations) <= 10
 
 
+@pytest.mark.usefixtures("compiled_quickly")
 @pytest.mark.slow
 def test_three_dimensions_and_a_penny_of_a_crack():
     scene = jaxpd.Scene(

@@ -12,6 +12,8 @@ from jaxpd.geometry.connectivity import (
 from jaxpd.geometry.crack import Crack, rectangle, segment
 from jaxpd.geometry.family import Family, find
 from jaxpd.geometry.grid_family import GridFamily, find_on_grid, without
+from jaxpd.geometry.mapped import box_nodes, mapped
+from jaxpd.geometry.outline import outlined
 from jaxpd.geometry.region import (
     Ball,
     Box,
@@ -24,6 +26,7 @@ from jaxpd.geometry.region import (
     box,
     union,
 )
+from jaxpd.geometry.rim import Rim, rim, row_normals
 
 __all__ = [
     "Ball",
@@ -35,11 +38,13 @@ __all__ = [
     "HalfSpace",
     "Lattice",
     "Region",
+    "Rim",
     "Union",
     "above",
     "ball",
     "below",
     "box",
+    "box_nodes",
     "find",
     "find_on_grid",
     "free_modes",
@@ -48,9 +53,13 @@ __all__ = [
     "grid_pieces",
     "lattice",
     "loose_points",
+    "mapped",
+    "outlined",
     "pieces",
     "rectangle",
     "rigid_modes",
+    "rim",
+    "row_normals",
     "segment",
     "union",
     "without",

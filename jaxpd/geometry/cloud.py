@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.geometry.rim import Rim
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,13 @@ class Cloud:
         X: reference positions [n, d] (m).
         vol: volumes [n] (m^d), a leaf of its own: moving X does not change it.
         lattice: the grid that X lies on, or None.
+        rim: the faces of nodes on the boundary, for methods that need them, or None.
     """
 
     X: PointVector
     vol: PointScalar
     lattice: Lattice | None = field(metadata={"static": True}, default=None)
+    rim: Rim | None = None
 
     @property
     def regular(self) -> bool:
@@ -131,8 +134,14 @@ def lattice(
     )
 
 
-def from_points(X: PointVector, vol: PointScalar) -> Cloud:
+def from_points(X: PointVector, vol: PointScalar, rim: Rim | None = None) -> Cloud:
     """A cloud of given positions [n, d] (m) and volumes [n] or [] (m^d).
+
+    Args:
+        X: positions.
+        vol: volumes.
+        rim: the faces of nodes on the boundary, see `jaxpd.geometry.rim`; strong forms
+            need it.
 
     Raises:
         ValueError: on wrong shapes, values that are not finite, or volumes that are not
@@ -153,4 +162,11 @@ def from_points(X: PointVector, vol: PointScalar) -> Cloud:
     if not (np.isfinite(vol_) & (vol_ > 0)).all():
         bad = int(np.argmin(np.isfinite(vol_) & (vol_ > 0)))
         raise ValueError(f"vol: point {bad} has volume {vol_[bad]}, which must be > 0")
-    return Cloud(jnp.asarray(X_), jnp.asarray(np.array(vol_)), None)
+    if rim is not None and (
+        rim.normal.shape[1] != X_.shape[1] or int(rim.node.max(initial=0)) >= len(X_)
+    ):
+        raise ValueError(
+            f"rim: its normals {rim.normal.shape} and nodes up to {int(rim.node.max())}"
+            f" do not fit points of shape {X_.shape}"
+        )
+    return Cloud(jnp.asarray(X_), jnp.asarray(np.array(vol_)), None, rim)

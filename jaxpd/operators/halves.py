@@ -242,8 +242,8 @@ class HalfForce:
         return self._sweep(bits, measure, 1)[0]
 
     def intact(self, bits: jax.Array) -> jax.Array:
-        """Volume of the bonds of each point over that of a point [length] (-)."""
-        share = jnp.asarray(self.share, self.stiff.dtype)
+        """Volume of the bonds of each point [length] (m^d)."""
+        share = jnp.asarray(self.share, self.stiff.dtype) * self.dx**self.row.d
         one = jnp.ones((1, self.row.margin + self.row.length), share.dtype)
         return self._sweep(bits, lambda *at: share[at[-1]] * one, 1)[0]
 

@@ -231,3 +231,35 @@ def _backward(kept: Any, cotangents: Any) -> Any:
 
 
 _ruled.defvjp(_forward, _backward)
+
+
+def slot_force(
+    bonds: Any, s_crit: jax.Array, share: jax.Array, order: jax.Array
+) -> Any:
+    """The same bonds as those of a `BondForce` of a microelastic law, to move.
+
+    Args:
+        bonds: the bonds.
+        s_crit: critical stretch [] or [n] (-).
+        share: volume of a neighbour within the horizon [k, n] (m^d).
+        order: number of the point at every place of the curve [n].
+    """
+    law = bonds.law
+    here = jnp.arange(len(order), dtype=order.dtype)
+    place = jnp.zeros_like(order).at[order].set(here)
+    nbr = place[bonds.nbr[:, order]]
+    X = bonds.X[order]
+    lead = jnp.zeros(X.shape[1]).at[0].set(1.0) * bonds.delta
+
+    def of(slot):
+        nbr, weight = slot
+        pad = jnp.where(nbr == here, 1.0, 0.0)
+        xi = X[nbr] - X + pad[:, None] * lead[None, :]
+        c = law.c if jnp.ndim(law.c) == 0 else law.c[order]
+        c = c if jnp.ndim(c) == 0 else 0.5 * (c + c[nbr])
+        r = jnp.sqrt(jnp.sum(xi * xi, axis=1))
+        return xi.T, r, weight * c * law.omega(r)
+
+    xi, r, stiff = jax.lax.map(of, (nbr, bonds.weight[:, order]))
+    s = s_crit if s_crit.ndim == 0 else s_crit[order]
+    return SlotForce(nbr, xi, r, stiff, s, share[:, order], order, place)

@@ -16,6 +16,7 @@ from jaxpd.physics.damage import (
     critical_stretch,
     fracture_energy,
 )
+from jaxpd.physics.hardening import Linear, Voce
 from jaxpd.physics.influence import (
     Conical,
     Constant,
@@ -24,6 +25,8 @@ from jaxpd.physics.influence import (
     Influence,
     check_order,
 )
+from jaxpd.physics.node import Hooke, tangent_block, von_mises_stress
+from jaxpd.physics.plasticity import Plastic, VonMises, von_mises
 
 __all__ = [
     "Brittle",
@@ -31,9 +34,14 @@ __all__ = [
     "Constant",
     "Fractional",
     "Gaussian",
+    "Hooke",
     "Influence",
+    "Linear",
     "Microelastic",
+    "Plastic",
     "Softening",
+    "Voce",
+    "VonMises",
     "bond_block",
     "bond_energy",
     "bond_force",
@@ -44,4 +52,7 @@ __all__ = [
     "micromodulus",
     "pmb",
     "stretch",
+    "tangent_block",
+    "von_mises",
+    "von_mises_stress",
 ]

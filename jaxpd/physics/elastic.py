@@ -14,6 +14,7 @@ Poisson's ratio is 1/3 in plane stress, 1/4 in plane strain and in 3-D.
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,7 +42,7 @@ def check(E: float, nu: float | None, state: str) -> None:
         raise ValueError(f"E: {E} must be positive (Pa)")
     if state != "bar":
         limit = 0.5 if state != "plane stress" else 1.0
-        if nu is None or not -1 < nu < limit:
+        if nu is None or not np.all((np.asarray(nu) > -1) & (np.asarray(nu) < limit)):
             raise ValueError(f"nu: {nu} must lie between -1 and {limit} in {state}")
 
 
@@ -88,14 +89,36 @@ def confined_modulus(E: Scalar, nu: float | None, state: str) -> Scalar:
     return E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
 
 
-def stiffness(E: Scalar, nu: float, state: str):
-    """Stiffness in Voigt notation [1, 1], [3, 3] or [6, 6] (Pa), engineering shear."""
+def shear_modulus(E: Scalar, nu: Scalar | None, state: str) -> Scalar:
+    """Shear modulus (Pa); of a bar E / 2, that of nu = 0."""
+    if state == "bar":
+        return 0.5 * E
+    if nu is None:
+        raise ValueError(f"nu: None; {state} needs a Poisson's ratio")
+    return E / (2.0 * (1.0 + nu))
+
+
+def lame(E: Scalar, nu: Scalar | None) -> Scalar:
+    """Lame's first constant (Pa) of a solid; infinite from nu = 0.5 on."""
+    if nu is None:
+        raise ValueError("nu: None; a solid needs a Poisson's ratio")
+    below = jnp.asarray(nu) < 0.5
+    safe: Any = jnp.where(below, nu, 0.0)  # where of a where: finite derivatives
+    return jnp.where(below, E * safe / ((1.0 + safe) * (1.0 - 2.0 * safe)), jnp.inf)
+
+
+def stiffness(E: Scalar, nu: Scalar | None, state: str) -> Any:
+    """Stiffness in Voigt notation [1, 1], [3, 3] or [6, 6] (Pa), engineering shear.
+
+    E and nu may be traced. Isotropic, hence the same for any order of the shears.
+    """
     if state == "bar":
         return jnp.reshape(jnp.asarray(E), (1, 1))
-    shear = E / (2.0 * (1.0 + nu))
-    lam = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)) if nu < 0.5 else jnp.inf
-    if state == "plane stress":
+    shear = shear_modulus(E, nu, state)
+    if state == "plane stress" and nu is not None:
         lam = E * nu / (1.0 - nu**2)
+    else:
+        lam = lame(E, nu)
     d = DIMENSIONS[state]
     n_shear = d * (d - 1) // 2
     normal = lam * jnp.ones((d, d)) + 2.0 * shear * jnp.eye(d)
@@ -105,3 +128,14 @@ def stiffness(E: Scalar, nu: float, state: str):
             [jnp.zeros((n_shear, d)), shear * jnp.eye(n_shear)],
         ]
     )
+
+
+def out_of_plane(E: Scalar, nu: Scalar | None, state: str, trace: Scalar) -> Scalar:
+    """Elastic stress zz [] (Pa): lam (xx + yy) in plane strain, else 0.
+
+    Raises:
+        ValueError: in a solid, whose stress has a zz of its own.
+    """
+    if state == "solid":
+        raise ValueError("state: 'solid' has no plane; its stress zz is stress[2]")
+    return lame(E, nu) * trace if state == "plane strain" else jnp.zeros_like(trace)

@@ -46,6 +46,7 @@ def equilibrium(
     load: jax.Array,
     linear: LinearSolver,
     u0: jax.Array,
+    floor: jax.Array | float = 0.0,
 ) -> tuple[jax.Array, NewtonInfo]:
     """Static equilibrium, differentiable in operator, constraints and load.
 
@@ -56,6 +57,7 @@ def equilibrium(
         load: external nodal forces [n, d] (N).
         linear: the linear solver, for the derivative too.
         u0: displacements to start from [n, d] (m); the solution does not depend on it.
+        floor: norm of a residual that is small whatever the first was.
 
     Returns:
         Displacements [n, d] (m) and a `NewtonInfo`, which has no derivative.
@@ -63,11 +65,11 @@ def equilibrium(
     if operator.linear:
         K = operator.tangent(u0)
         return solve_linear(K, constraints, load, linear, settings)
-    return solve_newton(operator, constraints, load, u0, linear, settings)
+    return solve_newton(operator, constraints, load, u0, linear, settings, floor)
 
 
 def _rule(settings: Newton, primals: Any, tangents: Any) -> Any:
-    operator, constraints, load, linear, _ = primals
+    operator, constraints, load, linear, _, _ = primals
     u, info = equilibrium(settings, *primals)
     project = constraints.project
 

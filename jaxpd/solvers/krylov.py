@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -52,6 +52,11 @@ def cg(
     status is judged by the last.
     """
     x, _ = jsl.cg(mv, b, tol=rtol, maxiter=maxiter, M=precondition)
+    return x, _judged(mv, b, x, rtol)
+
+
+def _judged(mv: Map, b: jax.Array, x: jax.Array, rtol: float) -> KrylovInfo:
+    """What is known of a solver that tells nothing: its last true residual."""
     norm = jnp.linalg.norm(b)
     last = jnp.linalg.norm(b - mv(x)) / jnp.where(norm > 0, norm, 1.0)
     # its recurrence stops at rtol; the true residual may exceed that by round-off
@@ -62,9 +67,37 @@ def cg(
         jnp.where(jnp.isfinite(last), Status.MAX_ITERATIONS, Status.NOT_FINITE),
     )
     residuals = jnp.stack([jnp.ones_like(last), last])
-    return x, KrylovInfo(
-        status.astype(jnp.int32), jnp.asarray(-1, jnp.int32), residuals
-    )
+    return KrylovInfo(status.astype(jnp.int32), jnp.asarray(-1, jnp.int32), residuals)
+
+
+def general(
+    method: str,
+    mv: Map,
+    b: jax.Array,
+    *,
+    precondition: Map | None = None,
+    rtol: float = 1e-6,
+    maxiter: int = 10_000,
+    restart: int = 200,
+) -> tuple[jax.Array, KrylovInfo]:
+    """For operators that are not symmetric: "gmres" or "bicgstab" of `jax.scipy`.
+
+    They report nothing: iterations are -1, and the status is judged by the last true
+    residual, as with `cg`. GMRES restarts after `restart` vectors.
+    """
+    near = precondition or (lambda r: r)
+
+    def A(v):  # jax.scipy compares preconditioned residuals with plain tolerances
+        return near(mv(v))
+
+    limits: dict[str, Any] = {"tol": 0.1 * rtol}
+    if method == "gmres":
+        restart = min(restart, b.size)
+        limits |= {"restart": restart, "maxiter": -(-maxiter // restart)}
+        x, _ = jsl.gmres(A, near(b), solve_method="incremental", **limits)
+    else:
+        x, _ = jsl.bicgstab(A, near(b), maxiter=maxiter, **limits)
+    return x, _judged(mv, b, x, rtol)
 
 
 class _State(NamedTuple):

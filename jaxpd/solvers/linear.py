@@ -9,13 +9,13 @@
 | "spectral"   | sines and cosines of a box; lattices, on the device               |
 | "multigrid"  | Galerkin V-cycle; lattices, on the device                         |
 | "amg"        | a pyamg hierarchy; any points, on the host                        |
-| "direct"     | sparse LU of every tangent, on the host                           |
+| "direct"     | sparse LU of every tangent, on the host; not symmetric ones too   |
+| "gmres"      | inverses of diagonal blocks; for tangents that are not symmetric  |
+| "bicgstab"   | the same                                                          |
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,11 +23,20 @@ import jax
 
 from jaxpd.operators.constraints import Constraints
 from jaxpd.solvers.direct import direct
-from jaxpd.solvers.krylov import KrylovInfo, block_jacobi, cg, pcg, point_jacobi
+from jaxpd.solvers.krylov import (
+    KrylovInfo,
+    block_jacobi,
+    cg,
+    general,
+    pcg,
+    point_jacobi,
+)
 
 #: Methods that need a hierarchy, made when the solver is prepared and then frozen.
 PREPARED = ("spectral", "multigrid", "amg")
-METHODS = ("cg", "pcg", "d-pcg", "block-pcg", *PREPARED, "direct")
+#: Methods for tangents that are not symmetric.
+GENERAL = ("gmres", "bicgstab")
+METHODS = ("cg", "pcg", "d-pcg", "block-pcg", *PREPARED, "direct", *GENERAL)
 
 
 @jax.tree_util.register_dataclass
@@ -64,16 +73,26 @@ class LinearSolver:
         if self.method == "direct":
             transpose = transpose and not tangent.symmetric
             return direct(tangent, constraints, b, rtol=self.rtol, transpose=transpose)
+        limits: dict[str, Any] = {"rtol": self.rtol, "maxiter": self.maxiter}
+        if self.method in GENERAL:
+            blocks = constraints.diagonal(tangent.diagonal())
+            turned = transpose and not tangent.symmetric
+            back = jax.linear_transpose(tangent.mv, b)
+
+            def forth(v):
+                return constraints.project(back(v)[0] if turned else tangent.mv(v))
+
+            near = block_jacobi(blocks.swapaxes(1, 2) if turned else blocks)
+            return general(self.method, forth, b, precondition=near, **limits)
         if not tangent.symmetric:
             raise ValueError(
                 f"method: {self.method!r} is for symmetric tangents and this one is "
-                "not; use 'direct'"
+                "not; use 'direct', 'gmres' or 'bicgstab'"
             )
 
         def mv(v):
             return constraints.project(tangent.mv(v))
 
-        limits = {"rtol": self.rtol, "maxiter": self.maxiter}
         if self.method == "cg":
             return cg(mv, b, **limits)
         if self.method == "pcg":
@@ -113,21 +132,3 @@ def linear_solver(
 
 #: A linear solve under `jit`; a new hierarchy of the same sizes is not compiled anew.
 solve_system = jax.jit(LinearSolver.__call__)
-
-#: Options of XLA's CPU compiler for what runs once: less time to compile, more to run.
-QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
-
-
-@functools.cache
-def quickly(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`jax.jit` of a function that is to be ready soon rather than to run fast.
-
-    Plain `jax.jit` where the platform or its compiler does not know the options.
-    """
-    if jax.default_backend() == "cpu":
-        try:
-            jax.jit(lambda x: x, compiler_options=QUICK).lower(0.0).compile()
-        except Exception:  # whatever a compiler says of options that it does not know
-            return jax.jit(function)
-        return jax.jit(function, compiler_options=QUICK)
-    return jax.jit(function)

@@ -35,7 +35,8 @@ class Newton:
         max_iterations: most iterations of a load step, before it is halved.
         load_steps: load steps to begin with.
         max_halvings: most halvings of load steps, of all together.
-        max_cuts: most halvings of one Newton step by the line search.
+        max_cuts: most halvings of one Newton step by the line search; with 0 there is
+            none, and the residual may rise on its way down.
         max_total: most iterations of all load steps; the length of the history.
     """
 
@@ -63,6 +64,8 @@ class NewtonInfo:
         linear_residuals: true relative residual of each linear solve [max_total].
         halvings: halvings of the load step [].
         cuts: halvings of Newton steps by the line search [].
+        scale: norm of the first residual of the last load step [], which the others are
+            relative to; NaN of a single linear solve.
     """
 
     status: jax.Array
@@ -75,6 +78,7 @@ class NewtonInfo:
     linear_residuals: jax.Array
     halvings: jax.Array
     cuts: jax.Array
+    scale: jax.Array
 
 
 class _State(NamedTuple):
@@ -127,6 +131,7 @@ def one_solve(krylov: KrylovInfo, settings: Newton) -> NewtonInfo:
         linear_residuals=first(last, xp.nan),
         halvings=zero,
         cuts=zero,
+        scale=xp.full_like(last, xp.nan),
     )
 
 
@@ -137,6 +142,7 @@ def solve_newton(
     u0: jax.Array,
     linear: LinearSolver,
     settings: Newton,
+    floor: jax.Array | float = 0.0,
 ) -> tuple[jax.Array, NewtonInfo]:
     """Equilibrium under `load` and the prescribed displacements, from u0.
 
@@ -147,6 +153,7 @@ def solve_newton(
         u0: displacements at load zero [n, d] (m), in equilibrium there.
         linear: the linear solver.
         settings: tolerances and limits.
+        floor: norm of a residual that is small whatever the first was.
 
     Returns:
         The last displacements in equilibrium [n, d] if all load steps converged, else
@@ -177,7 +184,7 @@ def solve_newton(
         def too_long(carry):
             cut, _, _, new = carry
             falls = new <= (1.0 - 1e-4 * 0.5**cut) * norm
-            near = new <= settings.rtol * ref
+            near = new <= jnp.maximum(settings.rtol * ref, floor)
             return ~first & ~falls & ~near & (cut < settings.max_cuts)
 
         def shorten(carry):
@@ -194,8 +201,9 @@ def solve_newton(
         cut, u, force, new = jax.lax.while_loop(
             lambda c: (c[0] < 0) | too_long(c), shorten, begin
         )
-        converged = (new <= settings.rtol * ref) & (krylov.status == Status.CONVERGED)
-        stuck = ~first & ~(new < norm)
+        near = new <= jnp.maximum(settings.rtol * ref, floor)
+        converged = near & (krylov.status == Status.CONVERGED)
+        stuck = ~first & ~(new < norm) & (settings.max_cuts > 0)
         failed = ~converged & (
             ~jnp.isfinite(new)
             | (krylov.status != Status.CONVERGED)
@@ -214,6 +222,7 @@ def solve_newton(
             linear_residuals=s.info.linear_residuals.at[i].set(_last(krylov)),
             halvings=halvings,
             cuts=s.info.cuts + cut,
+            scale=ref,
         )
         # after convergence the step grows back towards its first size
         size = jnp.where(failed, 0.5 * s.size, s.size)
@@ -289,4 +298,5 @@ def _empty(settings: Newton, dtype: Any) -> NewtonInfo:
         linear_residuals=nothing,
         halvings=code,
         cuts=code,
+        scale=jnp.zeros((), dtype),
     )

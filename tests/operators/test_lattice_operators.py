@@ -13,6 +13,8 @@ from jaxpd.operators.fft import SEPARATION, separated
 from jaxpd.operators.patches import covering, rim, rim_boxes, share, slices
 from jaxpd.problem import Problem, first_system, host_system
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 
 def block(correction):
     return jaxpd.Scene(

@@ -63,12 +63,15 @@ def test_hand_derived_block_and_autodiff_agree(rng, name, d):
 def test_complex_step_and_finite_difference_agree_with_the_hand_block(rng, d):
     law = LAWS["fractional 0"](d)
     xi, eta = bonds(rng, d, 0.2)
-    hand = np.asarray(jax.vmap(lambda x, e: law.tangent(x, e))(xi, eta))
-    force = jax.jit(jax.vmap(lambda x, e: law.force(x, e)))
-    eye = jnp.eye(d)
+    xi, eta = np.asarray(xi), np.asarray(eta)
+    hand = np.asarray(jax.jit(jax.vmap(lambda x, e: law.tangent(x, e)))(xi, eta))
+    compiled = jax.jit(jax.vmap(lambda x, e: law.force(x, e)))
+
+    def force(xi, eta):
+        return np.asarray(compiled(xi, eta))
 
     def witness(step):
-        columns = [step(jnp.broadcast_to(eye[a], eta.shape)) for a in range(d)]
+        columns = [step(np.broadcast_to(e, eta.shape)) for e in np.eye(d)]
         return np.stack(columns, axis=-1)
 
     h = 1e-30
@@ -96,12 +99,13 @@ def test_a_wrong_hand_block_is_caught(rng, d):
     right = microelastic(LAWS["fractional 0"](d).omega, d)
     wrong = WrongSign(right.c, right.omega)
     xi, eta = bonds(rng, d, 0.01)
-    ad, hand = (
-        np.asarray(
-            jax.vmap(lambda x, e, how=how: bond_block(wrong, x, e, how))(xi, eta)
-        )
-        for how in ("ad", "hand")
-    )
+
+    @jax.jit
+    @jax.vmap
+    def blocks(x, e):
+        return [bond_block(wrong, x, e, how) for how in ("ad", "hand")]
+
+    ad, hand = map(np.asarray, blocks(xi, eta))
     assert relative(ad, hand) > 1e-3
 
 
@@ -111,12 +115,18 @@ def test_a_wrong_hand_block_is_caught(rng, d):
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_a_users_law_gets_force_and_block_for_free(rng, law, d):
     xi, eta = bonds(rng, d, 0.2)
-    force = jax.jit(jax.vmap(lambda x, e: bond_force(law, x, e)))
-    block = jax.vmap(lambda x, e: bond_block(law, x, e))(xi, eta)
+    xi, eta = np.asarray(xi), np.asarray(eta)
+
+    @jax.jit
+    @jax.vmap
+    def response(x, e):
+        return bond_force(law, x, e), bond_block(law, x, e)
+
+    block = np.asarray(response(xi, eta)[1])
     step = 1e-6
-    for a in range(d):
-        e = jnp.zeros_like(eta).at[:, a].set(step)
-        slope = (force(xi, eta + e) - force(xi, eta - e)) / (2 * step)
+    for a, e in enumerate(step * np.eye(d)[:, None, :]):
+        ahead, behind = (np.asarray(response(xi, eta + s * e)[0]) for s in (1, -1))
+        slope = (ahead - behind) / (2 * step)
         np.testing.assert_allclose(
             block[:, :, a], slope, rtol=0, atol=1e-7 * float(abs(block).max())
         )

@@ -4,12 +4,13 @@ import types
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from jaxpd import gallery
 from jaxpd.prepare import prepare
 from jaxpd.problem import first_system
-from jaxpd.solvers import LinearSolver, Status
+from jaxpd.solvers import LinearSolver, Status, direct
 from jaxpd.solvers.linear import METHODS, linear_solver, solve_system
 
 
@@ -71,3 +72,17 @@ def test_unknown_methods_and_missing_hierarchies_are_refused():
         linear_solver("magic")
     with pytest.raises(ValueError, match="hierarchy: method 'amg' needs one"):
         linear_solver("amg")
+
+
+def test_an_ordering_that_fails_is_followed_by_the_default_one(monkeypatch, rng):
+    K = sp.csr_matrix(np.eye(8) + 0.3 * rng.normal(size=(8, 8)))
+    b, asked = rng.normal(size=(4, 2)), []
+
+    def factorise(matrix, **how):
+        asked.append(how.get("permc_spec"))
+        return spla.splu(matrix * 2.0 if how else matrix, **how)
+
+    monkeypatch.setattr(direct, "splu", factorise)
+    x = direct.solve_free(K, np.zeros((4, 2), bool), b, symmetric=False)
+    assert asked == ["MMD_AT_PLUS_A", None]
+    np.testing.assert_allclose(K @ x.ravel(), b.ravel(), atol=1e-12)

@@ -10,6 +10,8 @@ import pytest
 import jaxpd
 from jaxpd import Status, gallery, solve_static
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 
 def plate(**options):
     return gallery.cracked_plate(16, 4, 0.0, **options)

@@ -78,6 +78,7 @@ def test_derivatives_are_finite_when_a_body_has_flown_by_its_spacing():
     assert np.abs(found["v0"]).max() > 0
 
 
+@pytest.mark.usefixtures("compiled_quickly")
 @pytest.mark.slow
 def test_zones_without_failure_hold_for_own_laws_too():
     law = jaxpd.physics.pmb(1.0, 1 / 3, "plane stress", 2, 0.2)

@@ -1,0 +1,100 @@
+"""Model problems: the scenes of the papers, with their printed figures.
+
+A scene here reproduces a paper's set-up down to the rows of points, and its constants
+carry the tables that it is compared with. Printed figures are facts of the papers,
+named by table; set-ups that a paper leaves out were found by comparison and are said
+to be.
+"""
+
+from jaxpd.gallery.fracture import FRACTURE_SAFETY, branching_plate, kalthoff_winkler
+from jaxpd.gallery.kernels import (
+    bar_exact,
+    cantilever,
+    cantilever_exact,
+    kernel_bar,
+    kirsch_exact,
+    kirsch_stress,
+    l_shape,
+    patch,
+    patch_exact,
+    patch_stress,
+    plate_under_tension,
+)
+from jaxpd.gallery.laminates import peeled_beam, struck_laminate
+from jaxpd.gallery.plastic import (
+    PAPER,
+    RING,
+    YOON,
+    YOON_MODULUS,
+    cook_panel,
+    plastic_bar,
+    plastic_beam,
+    plate_with_hole,
+    pressed_ring,
+)
+from jaxpd.gallery.plate import (
+    ALPHAS,
+    CLASSICAL_OPENING,
+    CRACK,
+    PRINTED_CG,
+    PRINTED_CG_BY_M,
+    PRINTED_CONDITION,
+    PRINTED_DPCG,
+    PRINTED_DPCG_BY_M,
+    PRINTED_MG,
+    PRINTED_MG_BY_M,
+    PRINTED_RTOL,
+    RATIOS,
+    cracked_plate,
+)
+from jaxpd.gallery.waves import (
+    PRINTED_ENERGY,
+    PRINTED_TRANSMITTED,
+    bar_wave,
+    gaussian_wave,
+)
+
+__all__ = [
+    "ALPHAS",
+    "CLASSICAL_OPENING",
+    "CRACK",
+    "FRACTURE_SAFETY",
+    "PAPER",
+    "PRINTED_CG",
+    "PRINTED_CG_BY_M",
+    "PRINTED_CONDITION",
+    "PRINTED_DPCG",
+    "PRINTED_DPCG_BY_M",
+    "PRINTED_ENERGY",
+    "PRINTED_MG",
+    "PRINTED_MG_BY_M",
+    "PRINTED_RTOL",
+    "PRINTED_TRANSMITTED",
+    "RATIOS",
+    "RING",
+    "YOON",
+    "YOON_MODULUS",
+    "bar_exact",
+    "bar_wave",
+    "branching_plate",
+    "cantilever",
+    "cantilever_exact",
+    "cook_panel",
+    "cracked_plate",
+    "gaussian_wave",
+    "kalthoff_winkler",
+    "kernel_bar",
+    "kirsch_exact",
+    "kirsch_stress",
+    "l_shape",
+    "patch",
+    "patch_exact",
+    "patch_stress",
+    "peeled_beam",
+    "plastic_bar",
+    "plastic_beam",
+    "plate_under_tension",
+    "plate_with_hole",
+    "pressed_ring",
+    "struck_laminate",
+]

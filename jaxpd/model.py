@@ -1,0 +1,80 @@
+"""What the bonds of a scene are: which model, its numbers, its surface correction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpd.assembly import Params
+from jaxpd.body import check_correction
+from jaxpd.geometry import Cloud
+from jaxpd.physics import bond_block, elastic
+from jaxpd.resolution import Kernel
+from jaxpd.scene import Elastic, Scene, Solid
+
+
+def correction_of(scene: Scene, cloud: Cloud, operator: str = "auto") -> str:
+    """The surface correction asked for, or the default; checked."""
+    correction = scene.resolution.correction
+    if correction is None:
+        correction = "lattice" if cloud.lattice is not None else "analytic"
+    check_correction(correction, scene, cloud, operator)
+    return correction
+
+
+def model_of(scene: Scene) -> tuple[tuple[str, float | None, str], Params]:
+    """What the bonds are: "elastic" or "law" with nu and state, and their numbers."""
+    material = scene.material
+    if isinstance(material, Elastic):
+        if elastic.DIMENSIONS[material.state] != scene.d:
+            raise ValueError(
+                f"state: {material.state!r} is {elastic.DIMENSIONS[material.state]}-D "
+                f"and the body is {scene.d}-D; see jaxpd.physics.elastic"
+            )
+        elastic.check_bond_based(material.nu, material.state)
+        kernel = scene.resolution.kernel
+        model = ("elastic", material.nu, material.state)
+        return model, _elastic_params(material, kernel)
+    law = material.law if isinstance(material, Solid) else material
+    inside = getattr(law, "law", law) if hasattr(law, "advance") else law
+    if not (hasattr(inside, "energy") or hasattr(inside, "force")):
+        raise ValueError(
+            f"material: {material!r} must be Elastic, or a law with a method "
+            "energy(xi, eta) or force(xi, eta); see jaxpd.physics.bond"
+        )
+    return ("law", None, ""), {"law": _floats("material", law)}
+
+
+def _floats(name: str, tree: Any) -> Any:
+    real = jax.dtypes.canonicalize_dtype(float)
+    try:
+        return jax.tree.map(lambda x: np.asarray(x, real), tree)
+    except TypeError as error:
+        raise ValueError(
+            f"{name}: {tree!r} must be Elastic, a Kernel or a frozen dataclass of "
+            "numbers registered with jax.tree_util.register_dataclass"
+        ) from error
+
+
+def is_symmetric(law: Any, d: int) -> bool:
+    """Whether tangent blocks are symmetric: by energy, or looked at on random bonds."""
+    if law is None or hasattr(law, "energy"):
+        return True
+    one = jax.tree.map(lambda x: jnp.ravel(x)[0], law)
+    xi, eta = np.random.default_rng(0).normal(size=(2, 8, d))
+    B = np.asarray(jax.vmap(lambda x, e: bond_block(one, x, 0.01 * e))(xi, eta))
+    return bool(np.abs(B - B.transpose(0, 2, 1)).max() <= 1e-8 * np.abs(B).max())
+
+
+def _elastic_params(material: Elastic, kernel: Any) -> Params:
+    params: Params = {"E": _floats("E", material.E)}
+    if not isinstance(kernel, Kernel):
+        params["omega"] = _floats("kernel", kernel)
+    elif kernel.name == "fractional":
+        params["alpha"] = _floats("kernel", kernel.parameter)
+    elif kernel.name == "gaussian":
+        params["ratio"] = _floats("kernel", kernel.parameter)
+    return params
