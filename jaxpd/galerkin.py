@@ -128,7 +128,8 @@ class GalerkinProblem:
         Pure, and differentiable in `params` by `jaxpd.solvers.implicit`. Triangles,
         covers, radii of kernels and which edges are held are frozen.
         """
-        return solve_galerkin(self, params)[::2]
+        seen, _, info = solve_galerkin(self, params)
+        return seen, info
 
     def unknowns(self, params: Params | None = None) -> tuple[PointVector, NewtonInfo]:
         """Unknowns [n, d] (m) after one step from rest: for `stress` and the others."""
