@@ -40,6 +40,7 @@ from jaxpd.conditions import (
 )
 from jaxpd.explicit import run_explicit
 from jaxpd.fitting import Fit, fit
+from jaxpd.fracture import solve_fracture
 from jaxpd.galerkin import GalerkinProblem
 from jaxpd.geometry import (
     above,
@@ -54,6 +55,7 @@ from jaxpd.geometry import (
     segment,
     union,
 )
+from jaxpd.growth import Growth
 from jaxpd.laminate import Interlayer, Laminate, adhesive, interlayer, laminate
 from jaxpd.launch import prepare_motion
 from jaxpd.motion import Motion
@@ -82,6 +84,7 @@ __all__ = [
     "Elastic",
     "Fit",
     "GalerkinProblem",
+    "Growth",
     "Interlayer",
     "Laminate",
     "Motion",
@@ -141,6 +144,7 @@ __all__ = [
     "resample",
     "run_explicit",
     "segment",
+    "solve_fracture",
     "solve_path",
     "solve_relaxed",
     "solve_static",

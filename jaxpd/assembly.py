@@ -37,6 +37,7 @@ class Spec:
     cuts: int = 0
     pivots: tuple[float, ...] = ()
     patches: tuple[Box, ...] = ()
+    stiffening: float = 1.0
 
 
 def separate(family: GridFamily, params: Params, correction: str) -> dict[str, Any]:

@@ -46,3 +46,14 @@ def memory_of(
         return jax.device_put(there[:, order])
     real = bool if isinstance(start, bool) else dtype
     return jax.device_put((np.full(nbr.shape, start, real), there))
+
+
+def unbreakable(scene: Scene, X: np.ndarray) -> np.ndarray:
+    """Mask of the points whose bonds never break [n]."""
+    found = np.zeros(len(X), bool)
+    for region in scene.no_fail:
+        inside = region.contains(X)
+        if not inside.any():
+            raise ValueError(f"no_fail: no point lies in {region}")
+        found |= inside
+    return found

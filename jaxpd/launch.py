@@ -16,13 +16,13 @@ from jaxpd.body import (
     supports_on,
 )
 from jaxpd.course import Course
-from jaxpd.cuts import cut_bonds, memory_of
+from jaxpd.cuts import cut_bonds, memory_of, unbreakable
 from jaxpd.discretize import beyond_faces
 from jaxpd.discretize.extension import check_cracks
 from jaxpd.geometry import find, find_on_grid
 from jaxpd.glue import glue_of
 from jaxpd.laminate import Laminate
-from jaxpd.model import correction_of, model_of
+from jaxpd.model import correction_of, model_of, stiffening_of
 from jaxpd.motion import Motion
 from jaxpd.operators.ghosts import start
 from jaxpd.operators.pulled_motion import PulledMotion
@@ -66,6 +66,8 @@ def prepare_motion(
         ValueError: naming the argument, its value and the cure.
     """
     check_bonds(scene, "motion")
+    if scene.weak:
+        raise ValueError("weak: is for solve_fracture; say no_fail here")
     real = jax.dtypes.canonicalize_dtype(float).name
     dtype = real if dtype is None else dtype
     if dtype not in DTYPES or (dtype == "float64" and real != dtype):
@@ -92,7 +94,7 @@ def prepare_motion(
     X, vol, delta = np.asarray(cloud.X), np.asarray(cloud.vol), resolution.horizon
     model, params = model_of(scene)
     if not elastic and not hasattr(params["law"], "advance"):
-        s_crit = np.where(_unbreakable(scene, X), np.inf, material.s_crit)
+        s_crit = np.where(unbreakable(scene, X), np.inf, material.s_crit)
         s_crit = s_crit if scene.no_fail else np.asarray(material.s_crit)
         params["law"] = Brittle(params["law"], s_crit.astype(X.dtype))
     elif not elastic and scene.no_fail:
@@ -136,6 +138,7 @@ def prepare_motion(
         symmetric=True,
         newton=Newton(),
         operator="stencil" if kind == "halves" else "gather",
+        stiffening=stiffening_of(scene, cloud),
     )
     known = params | names
     problem = Problem(known, family, fixed, X, LinearSolver(), spec, extension)
@@ -150,7 +153,7 @@ def prepare_motion(
         params["G0"] = np.asarray(material.G0, X.dtype)
     no_fail = None
     if scene.no_fail and breaks:
-        no_fail = _unbreakable(scene, X)
+        no_fail = unbreakable(scene, X)
     order = curve(points) if kind == "slots" else None
     course = Course(kind, breaks, softening, loads, moves, dtype)
     cut = cut_bonds(scene, cloud, points, family, delta)
@@ -192,7 +195,7 @@ def _laminated(
     glue = glue_of(scene, problems)
     conditions = (fixed, moved.astype(X.dtype), pulled.astype(X.dtype))
     stack = stacked(problems, glue, body.layers, conditions)
-    strong = _unbreakable(scene, X)
+    strong = unbreakable(scene, X)
     no_fail = tuple(
         strong[joint.points[joint.sources]].any(axis=1) if scene.no_fail else None
         for joint, _ in glue
@@ -231,17 +234,6 @@ def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
     if options:
         raise ValueError(f"{', '.join(options)}: are for prepare_motion, done already")
     return scene
-
-
-def _unbreakable(scene: Scene, X: np.ndarray) -> np.ndarray:
-    """Mask of the points whose bonds never break [n]."""
-    found = np.zeros(len(X), bool)
-    for region in scene.no_fail:
-        inside = region.contains(X)
-        if not inside.any():
-            raise ValueError(f"no_fail: no point lies in {region}")
-        found |= inside
-    return found
 
 
 def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxpd.assembly import Params
 from jaxpd.body import check_correction
+from jaxpd.discretize.bulk import energy_ratio
 from jaxpd.geometry import Cloud
 from jaxpd.physics import bond_block, elastic
 from jaxpd.resolution import Kernel
@@ -46,6 +47,46 @@ def model_of(scene: Scene) -> tuple[tuple[str, float | None, str], Params]:
             "energy(xi, eta) or force(xi, eta); see jaxpd.physics.bond"
         )
     return ("law", None, ""), {"law": _floats("material", law)}
+
+
+def check_whole(scene: Scene) -> None:
+    """Refuse what a static solve, in which nothing breaks, does not know.
+
+    Raises:
+        ValueError: naming the door for it.
+    """
+    if scene.starts or scene.no_fail or scene.weak:
+        raise ValueError(
+            "starts, no_fail, weak: nothing moves or breaks in statics; leave them "
+            "out, or use run_explicit, or solve_fracture"
+        )
+
+
+def stiffening_of(scene: Scene, cloud: Cloud) -> float:
+    """Factor on the micromodulus by which the lattice's bulk has the classical energy.
+
+    Raises:
+        ValueError: naming what does not go with `calibration="lattice"`.
+    """
+    asked, material = scene.resolution.calibration, scene.material
+    if asked not in ("continuum", "lattice"):
+        raise ValueError(f"calibration: {asked!r} must be 'continuum' or 'lattice'")
+    if asked == "continuum":
+        return 1.0
+    resolution = scene.resolution
+    if cloud.lattice is None or not isinstance(material, Elastic):
+        raise ValueError(
+            "calibration: 'lattice' is for Elastic on a lattice; leave it out"
+        )
+    if correction_of(scene, cloud) not in ("none", "lattice"):
+        raise ValueError(
+            f"calibration: 'lattice' and correction={resolution.correction!r} would "
+            "both scale the interior; take correction='lattice' or 'none'"
+        )
+    kernel, delta, d = resolution.kernel, resolution.horizon, scene.d
+    omega = kernel.influence(d, delta) if isinstance(kernel, Kernel) else kernel
+    sizes = (delta, cloud.lattice.dx, resolution.partial)
+    return 1.0 / energy_ratio(material.nu, material.state, omega, d, sizes)
 
 
 def _floats(name: str, tree: Any) -> Any:

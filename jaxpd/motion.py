@@ -90,7 +90,8 @@ class Motion:
         if not self.course.breaks:
             return bonds, math.inf
         law, d = bonds.law, self.X.shape[1]
-        s = critical_stretch(params["G0"], law.c, law.omega, d, kept["delta"])
+        c = law.c / self.problem.spec.stiffening
+        s = critical_stretch(params["G0"], c, law.omega, d, kept["delta"])
         if self.no_fail is not None:
             more = 0 if self.problem.extension is None else len(bonds.P.sources)
             s = jnp.where(jnp.pad(self.no_fail, (0, more)), math.inf, s)

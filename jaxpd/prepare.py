@@ -26,7 +26,13 @@ from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
 from jaxpd.geometry.grid_family import offset_sums
 from jaxpd.glue import glue_of
 from jaxpd.laminate import Laminate
-from jaxpd.model import correction_of, is_symmetric, model_of
+from jaxpd.model import (
+    check_whole,
+    correction_of,
+    is_symmetric,
+    model_of,
+    stiffening_of,
+)
 from jaxpd.nodes import nodal_problem
 from jaxpd.operators.lattice import index_pairs
 from jaxpd.operators.patches import share
@@ -107,8 +113,7 @@ def prepare(
         limits = (linear_rtol or rtol, linear_maxiter)
         make = nodal_problem if isinstance(scene.resolution, MLS) else galerkin_problem
         return make(scene, solver, tangent, settings, limits)
-    if scene.starts or scene.no_fail:
-        raise ValueError("starts, no_fail: are for run_explicit, not for statics")
+    check_whole(scene)
     if isinstance(scene.body, Laminate):
         newton = (rtol, max_iterations, load_steps)
         stack = _stack(scene, operator, tangent, newton)
@@ -117,8 +122,7 @@ def prepare(
         return dataclasses.replace(stack, linear=linear)
     problem = _body(scene, operator, tangent, (rtol, max_iterations, load_steps))
     _check_stiff(problem)
-    if solver == "auto":
-        solver = _solver(problem)
+    solver = _solver(problem) if solver == "auto" else solver
     linear = problem.solver(solver, linear_rtol or rtol, linear_maxiter)
     return dataclasses.replace(problem, linear=linear)
 
@@ -191,6 +195,7 @@ def _body(
         symmetric=symmetric,
         newton=_newton(*newton),
         operator=operator,
+        stiffening=stiffening_of(scene, cloud),
         **separation,
     )
     return Problem(params, family, fixed, X, LinearSolver(), spec, extension)

@@ -95,7 +95,7 @@ class Problem:
             omega = Kernel(self.spec.kernel, number).influence(d, params["delta"])
         spec = self.spec
         c = micromodulus(params["E"], spec.nu, spec.state, d, params["delta"], omega)
-        return Microelastic(c, omega)
+        return Microelastic(spec.stiffening * c, omega)
 
     def build(
         self, params: Params

@@ -88,7 +88,9 @@ class Scene:
         kinematics: "finite" displacements (Newton) or "small" (one linear solve);
             nodes (`MLS`) are for small ones, whatever is said.
         starts: displacements and velocities at time 0; later ones override.
-        no_fail: regions whose bonds never break, for motion.
+        no_fail: regions whose bonds never break, for motion and fracture.
+        weak: surfaces that alone may fail, for `solve_fracture`: bonds that cross none
+            of them never break. Empty: all may.
     """
 
     body: Box | Cloud | Laminate
@@ -100,6 +102,7 @@ class Scene:
     kinematics: str = "finite"
     starts: tuple[Start, ...] | list[Start] = ()
     no_fail: tuple[Region, ...] | list[Region] = ()
+    weak: tuple[Crack, ...] | list[Crack] = ()
 
     def __post_init__(self):
         """Refuse words that mean nothing, and what is no list of the right things."""
@@ -109,6 +112,7 @@ class Scene:
             ("cracks", Crack),
             ("starts", Start),
             ("no_fail", Region),
+            ("weak", Crack),
         ):
             given = getattr(self, name)
             if not isinstance(given, tuple | list) or not all(

@@ -85,7 +85,8 @@ def test_bodies_in_a_cycle_have_the_right_derivatives(state, mode, rng):
     if state == "plane strain":
         scene = gallery.pressed_ring((5, 7), 150.0, time=CYCLE, law=law)
     else:
-        scene = gallery.plate_with_hole((5, 9), 0.002, time=CYCLE, law=law)
+        # 5 x 9 graded nodes are too few: half of the displacements alternate
+        scene = gallery.plate_with_hole((7, 9), 0.002, time=CYCLE, law=law)
     found = slopes(scene, np.arange(1, 10) / 3, rng, mode)
     assert len(found) == 8
     for name, taylor in found.items():

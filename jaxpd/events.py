@@ -1,0 +1,111 @@
+"""The exact path of brittle springs: from one breaking bond to the next.
+
+Springs are linear, so the load factor at which the most stretched bond stands at its
+critical stretch follows from one solution. That bond goes, with those that tie with it,
+and the next factor may be higher or lower: snap-back and snap-through are followed as
+they are. The monotone envelope, what a testing machine sees, is the running maximum of
+the factor (`jaxpd.growth`).
+
+Mirror images tie: broken one by one they put cracks of symmetric bodies off their
+plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxpd.live import Live
+from jaxpd.states import States
+
+#: Stretch over the critical one, of what was there at first, that is nothing.
+SLACK = 1e-9
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where a path ends.
+
+    Attributes:
+        states: most states.
+        factor: load factor at which it ends.
+        end: mask of bonds [b]: it ends when one of them has gone.
+        severed: it ends when the stiffness against the load has fallen to this share.
+    """
+
+    states: int
+    factor: float
+    end: NDArray[np.bool_]
+    severed: float
+
+
+def over_critical(live: Live, states: States, s_crit: Any) -> Any:
+    """Stretch over the critical one at the load factor 1 [b] (-), 0 where gone."""
+    springs = states.springs
+    ratio = (states.map @ live.u.ravel()) / (springs.length * s_crit)
+    return np.where(live.intact, ratio, 0.0)
+
+
+def follow(
+    live: Live, states: States, s_crit: Any, ties: float, limits: Limits, pause: Any
+) -> str:
+    """Follow the path; states are added on the way.
+
+    Args:
+        live: the body.
+        states: those before; one at rest at least.
+        s_crit: critical stretch of each spring [b] (-), inf where it never breaks.
+        ties: relative distance from the most stretched within which bonds go together.
+        limits: where to end.
+        pause: called after each event; returns whether to stop there.
+
+    Returns:
+        Why it ended.
+    """
+    first = states.rows[0].get("first", 0.0)
+    while len(states.rows) < limits.states:
+        ratio = over_critical(live, states, s_crit)
+        top = float(ratio.max(initial=0.0))
+        first = first or top
+        if not top > SLACK * first:
+            return "severed: no bond that may break is stretched any more"
+        factor = 1.0 / top
+        if factor > limits.factor:
+            states.add(limits.factor, live.u, live.intact)
+            return f"load factor {limits.factor:.6g} reached"
+        states.rows[0]["first"] = first
+        states.add(factor, live.u, live.intact)
+        go = np.flatnonzero(ratio >= top * (1.0 - ties))
+        live.lose(go)
+        why = ended(live, states, factor, go, limits)
+        if why:
+            return why
+        if pause():
+            return "paused"
+    return f"the limit of {limits.states} states"
+
+
+def ended(
+    live: Live, states: States, factor: float, go: NDArray, limits: Limits
+) -> str | None:
+    """Why a path ends after the bonds `go` went at a factor, or None."""
+    if live.torn:
+        return "torn: a load pulls at a piece that nothing holds"
+    stiff = states.column("force")[1] / states.column("factor")[1]
+    now = force_of(live, states)
+    if now <= limits.severed * stiff:
+        states.add(factor, live.u, live.intact)
+        return f"severed: {max(now, 0.0) / stiff:.1e} of the stiffness is left"
+    if limits.end[go].any():
+        states.add(factor, live.u, live.intact)
+        return "a bond in the region of the end broke"
+    return None
+
+
+def force_of(live: Live, states: States) -> float:
+    """Work of the factor's growth by 1 at the factor 1 (J): twice the energy there."""
+    e = states.map @ live.u.ravel()
+    return float(np.where(live.intact, states.springs.k * e * e, 0.0).sum())

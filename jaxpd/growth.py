@@ -1,0 +1,210 @@
+"""What a slow fracture leaves behind: `Growth`."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxpd import io
+from jaxpd._types import PointVector
+from jaxpd.breaking import Fracture, piece_labels
+from jaxpd.geometry import Region
+from jaxpd.operators.springs import Springs
+from jaxpd.scene import Scene
+
+
+class Unfinished(RuntimeError):
+    """A fracture that did not come to its end; the message says where and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """States in equilibrium of a body that breaks slowly; leading axis [F].
+
+    The first state is at rest. Between two states the bonds that go fade in proportion
+    to the way; see `jaxpd.states` for what that makes of work and release.
+
+    Attributes:
+        scene: what broke.
+        fracture: what it was prepared into.
+        springs: its bonds, on the host.
+        factor: load factor [F] (-).
+        force: work of the factor's growth by 1 [F] (J): reactions times prescribed
+            displacements, and loads times displacements, those at the factor 1.
+        accepted: states in which no bond stands above its strength [F]; the others are
+            passes on the way to one, at the same factor.
+        held: numbers of the supported points [q].
+        reaction: forces of the supports on them [F, q, d] (N).
+        watched: mean displacements in the regions asked for [F, w, d] (m).
+        stored: energy of all bonds [F] (J).
+        work: of supports and loads since rest [F] (J).
+        released: lost with bonds [F] (J): what they held, and what their loss frees.
+        bonds: what the broken bonds held when they went [F] (J).
+        broken_at: state from which on each bond is gone [b]: -1 by the scene's cracks,
+            `jaxpd.states.NEVER` if it stands.
+        u: displacements in the last state [n, d] (m).
+        floppy: points that could move without any force [n]: pieces that came off, and
+            hinges. They are held so that no force arises; where they are means nothing.
+        cost: of each state [F], by name: "solves", "iterations", "factorisations",
+            "seconds".
+        fallbacks: how often each way out was needed, by name.
+        stopped: why it ended.
+        done: whether that is an end that was asked for.
+        seconds: wall time of "prepare" and "path".
+        peak_memory: highest resident memory of the process so far (bytes).
+    """
+
+    scene: Scene
+    fracture: Fracture
+    springs: Springs
+    factor: np.ndarray
+    force: np.ndarray
+    accepted: np.ndarray
+    held: np.ndarray
+    reaction: np.ndarray
+    watched: np.ndarray
+    stored: np.ndarray
+    work: np.ndarray
+    released: np.ndarray
+    bonds: np.ndarray
+    broken_at: np.ndarray
+    u: PointVector
+    floppy: np.ndarray
+    cost: dict[str, np.ndarray]
+    fallbacks: dict[str, int]
+    stopped: str
+    done: bool
+    seconds: dict[str, float]
+    peak_memory: int
+
+    def __repr__(self) -> str:
+        """One line: sizes, balance, end."""
+        return (
+            f"Growth({len(self.X)} points, {len(self.factor)} states, "
+            f"{int(self.broken.sum())} bonds broken, energy balance "
+            f"{np.abs(self.balance).max():.1e}, {self.stopped})"
+        )
+
+    @property
+    def X(self) -> PointVector:
+        """Reference positions [n, d] (m)."""
+        return np.asarray(self.fracture.X)
+
+    @property
+    def broken(self) -> np.ndarray:
+        """Bonds that broke, cracks of the scene aside [b]."""
+        return (self.broken_at >= 0) & (self.broken_at < len(self.factor))
+
+    @property
+    def balance(self) -> np.ndarray:
+        """Work less stored and released energy, over the largest work so far [F]."""
+        left = self.work - self.stored - self.released
+        scale = np.maximum.accumulate(np.abs(self.work))
+        return left / np.where(scale > 0.0, scale, 1.0)
+
+    @property
+    def envelope(self) -> np.ndarray:
+        """Numbers of the states that monotone loading sees: the factor's new maxima."""
+        before = np.concatenate([[-np.inf], np.maximum.accumulate(self.factor)[:-1]])
+        return np.flatnonzero((self.factor > before) & self.accepted)
+
+    @property
+    def jumps(self) -> list[dict[str, float]]:
+        """What each unstable event sets free under monotone loading.
+
+        A jump starts at a state of the envelope where the factor falls after it, and
+        ends where it is exceeded. Dictionaries of "state", "factor", "broken" bonds,
+        "released" (J) on the way, and "surplus" (J): what supports held at that factor
+        would give beyond the work of the quasi-static path, and motion takes.
+        """
+        found, states = [], self.envelope
+        for a, b in zip(states[:-1], states[1:], strict=True):
+            if b == a + 1:
+                continue
+            # held at the factor of a, the body would go straight down to the state b
+            # scaled back
+            share = self.factor[a] / self.factor[b]
+            low = self.stored[b] * share**2
+            gone = self.released[b] - self.released[a]
+            fell = self.stored[a] - low
+            found.append(
+                {
+                    "state": int(a),
+                    "factor": float(self.factor[a]),
+                    "broken": int(((self.broken_at > a) & (self.broken_at <= b)).sum()),
+                    "released": float(gone),
+                    "surplus": float(abs(fell) - gone),
+                }
+            )
+        return found
+
+    def broken_by(self, state: int = -1) -> np.ndarray:
+        """Mask of the bonds that are gone in a state [b], cracks of the scene too."""
+        return self.broken_at <= range(len(self.factor))[state]
+
+    def damage(self, state: int = -1, precracks: bool = False) -> np.ndarray:
+        """Damage index [n] (-), the lost share of the bonds of each point.
+
+        Args:
+            state: which one.
+            precracks: count bonds that cracks of the scene cut.
+        """
+        s, n = self.springs, len(self.X)
+        start = np.ones(len(s.k), bool) if precracks else self.broken_at >= 0
+        share = np.asarray(s.k * s.length)  # weights of PMB bonds: their volumes
+
+        def total(mask):
+            value = np.where(mask, share, 0.0)
+            ends = np.bincount(s.i, value, n) + np.bincount(s.j, value, n)
+            return ends
+
+        whole = total(start)
+        left = total(start & ~self.broken_by(state))
+        return 1.0 - np.divide(left, whole, out=np.ones(n), where=whole > 0)
+
+    def places(self, state: int = -1) -> np.ndarray:
+        """Middles of the bonds that broke up to a state [c, d] (m), in their order."""
+        some = np.flatnonzero((self.broken_at >= 0) & self.broken_by(state))
+        some = some[np.argsort(self.broken_at[some], kind="stable")]
+        return 0.5 * (self.X[self.springs.i[some]] + self.X[self.springs.j[some]])
+
+    def pieces(self, state: int = -1) -> np.ndarray:
+        """Label of the piece that each point belongs to [n], in a state."""
+        live = ~self.broken_by(state)
+        s = self.springs
+        return piece_labels(s.i[live], s.j[live], len(self.X))
+
+    def reaction_on(self, region: Region) -> np.ndarray:
+        """Resultants [F, d] (N) of the supports' forces on the points in a region."""
+        return self.reaction[:, region.contains(self.X[self.held])].sum(axis=1)
+
+    @functools.cached_property
+    def peak(self) -> int:
+        """Number of the state with the largest load factor."""
+        return int(np.argmax(np.where(self.accepted, self.factor, -np.inf)))
+
+    def checked(self) -> Growth:
+        """This, if it came to an end that was asked for.
+
+        Raises:
+            Unfinished: saying where it stopped, and why.
+        """
+        if not self.done:
+            raise Unfinished(
+                f"stopped after {len(self.factor)} states at the load factor "
+                f"{self.factor[-1]:.6g}: {self.stopped}"
+            )
+        return self
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """A VTU file of the last state, and a .pvd that names it; needs meshio."""
+        fields = {
+            "u": self.u[None],
+            "damage": self.damage(precracks=True)[None],
+            "piece": self.pieces()[None].astype(float),
+        }
+        return io.write_series(folder, self.X, self.factor[-1:], fields)

@@ -1,0 +1,112 @@
+"""What is kept of a slow fracture: states in equilibrium, one after the other.
+
+Between two states the springs that went fade, their tension falling to nothing in
+proportion to the way, and everything else follows on straight lines. So work and
+release are exact, whatever the states are:
+
+    work      of supports (R_t + R_t+1) / 2 . dU, of loads (f_t + f_t+1) / 2 load . du
+    released  by each spring that goes at t: T_t e_t+1 / 2, its tension then and its
+              elongation in the next state, free ends and all
+
+Source: two straight lines of load against displacement enclose that area; for the sum
+over springs, work of the fading tension plus what the spring held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxpd.operators.springs import Springs
+
+Floats = NDArray[np.floating]
+
+
+@dataclass
+class States:
+    """A growing list of states; `add` computes all that is kept of one.
+
+    Attributes:
+        springs: all springs.
+        fixed: mask of prescribed components [n, d].
+        load: forces at the load factor 1 [n, d] (N).
+        rows: a dictionary of numbers a state.
+        reactions: forces of the supports on the points [q] of `held`, [q, d] a state.
+        broken_at: number of the state from which on each spring is gone [b]; -1 before
+            any, `NEVER` if it stands.
+    """
+
+    springs: Springs
+    fixed: NDArray[np.bool_]
+    load: Floats
+    cut: NDArray[np.bool_]
+    watch: tuple[NDArray[np.bool_], ...] = ()
+    rows: list[dict[str, float]] = field(default_factory=list)
+    reactions: list[Floats] = field(default_factory=list)
+    watched: list[Floats] = field(default_factory=list)
+    broken_at: Any = None
+    _last: Any = None
+
+    def __post_init__(self):
+        """Find the supported points."""
+        self.held = np.flatnonzero(self.fixed.any(axis=1))
+        self.map = self.springs.differences(len(self.fixed))
+        self.broken_at = np.where(self.cut, -1, NEVER)
+
+    def add(self, factor: float, u: Floats, intact: Any, **more: float) -> None:
+        """Append the state f u, in which `intact` springs stand.
+
+        Args:
+            factor: load factor f.
+            u: displacements at the factor 1 [n, d] (m).
+            intact: mask of springs [b].
+            **more: what else to keep of it.
+        """
+        springs = self.springs
+        e = factor * (self.map @ u.ravel())
+        tension = np.where(intact, springs.k * e, 0.0)
+        inner = (self.map.T @ tension).reshape(u.shape)
+        reaction = np.where(self.fixed, inner - factor * self.load, 0.0)
+        here = factor * u
+        row = {
+            "factor": factor,
+            "stored": 0.5 * float(tension @ e),
+            "work": 0.0,
+            "released": 0.0,
+            "bonds": 0.0,
+            "broken": 0.0,
+        }
+        # conjugate to the factor: what its growth by 1 would do of work
+        row["force"] = float(
+            (reaction * u)[self.fixed].sum() + (self.load * here).sum()
+        )
+        if self.rows:
+            old, (u0, r0, t0, stood) = self.rows[-1], self._last
+            lost = stood & ~intact
+            du = here - u0
+            between = 0.5 * (old["factor"] + factor)
+            row["work"] = old["work"] + float(
+                (0.5 * (r0 + reaction) * du)[self.fixed].sum()
+                + between * (self.load * du).sum()
+            )
+            row["released"] = old["released"] + 0.5 * float(t0[lost] @ e[lost])
+            # what each held when it went
+            own = 0.5 * float((t0[lost] ** 2 / springs.k[lost]).sum())
+            row["bonds"] = old["bonds"] + own
+            row["broken"] = old["broken"] + int(lost.sum())
+            self.broken_at[lost] = len(self.rows)
+        self.rows.append(row | more)
+        self.reactions.append(reaction[self.held])
+        self.watched.append(np.array([here[w].mean(axis=0) for w in self.watch]))
+        self._last = (here, reaction, tension, intact.copy())
+
+    def column(self, name: str) -> Floats:
+        """One number of every state [F]."""
+        return np.array([row[name] for row in self.rows])
+
+
+#: Number of a state that never comes.
+NEVER = np.iinfo(np.int32).max
