@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from jaxpd._types import PointVector
 from jaxpd.breaking import Fracture, piece_labels
 from jaxpd.geometry import Region
 from jaxpd.operators.springs import Springs
+from jaxpd.retrace import Retrace
 from jaxpd.scene import Scene
 
 
@@ -35,6 +37,8 @@ class Growth:
         factor: load factor [F] (-).
         force: work of the factor's growth by 1 [F] (J): reactions times prescribed
             displacements, and loads times displacements, those at the factor 1.
+        critical: bond that stands at its strength in each state [F]; -1 where none
+            does.
         accepted: states in which no bond stands above its strength [F]; the others are
             passes on the way to one, at the same factor.
         held: numbers of the supported points [q].
@@ -63,6 +67,7 @@ class Growth:
     springs: Springs
     factor: np.ndarray
     force: np.ndarray
+    critical: np.ndarray
     accepted: np.ndarray
     held: np.ndarray
     reaction: np.ndarray
@@ -122,7 +127,7 @@ class Growth:
         would give beyond the work of the quasi-static path, and motion takes.
         """
         found, states = [], self.envelope
-        for a, b in zip(states[:-1], states[1:], strict=True):
+        for a, b in itertools.pairwise(states):
             if b == a + 1:
                 continue
             # held at the factor of a, the body would go straight down to the state b
@@ -186,6 +191,23 @@ class Growth:
     def peak(self) -> int:
         """Number of the state with the largest load factor."""
         return int(np.argmax(np.where(self.accepted, self.factor, -np.inf)))
+
+    def replay(self, kept: Any = None) -> Retrace:
+        """States as one differentiable function of the parameters.
+
+        Args:
+            kept: their numbers; those of the envelope by default.
+
+        Raises:
+            ValueError: on a state at rest, or one that does not exist.
+        """
+        numbers = self.envelope if kept is None else np.atleast_1d(np.asarray(kept))
+        numbers = np.array([range(len(self.factor))[int(k)] for k in numbers])
+        if not len(numbers) or not (self.factor[numbers] > 0).all():
+            raise ValueError(f"kept: {kept} must name states under load")
+        gone = self.broken_at[None] <= numbers[:, None]
+        at = (self.critical[numbers], self.factor[numbers])
+        return Retrace(self.fracture, gone, *at)
 
     def checked(self) -> Growth:
         """This, if it came to an end that was asked for.

@@ -12,13 +12,13 @@ import jaxpd
 
 PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
-    "_types", "compiling", "geometry", "physics", "discretize", "operators", "solvers",
-    "schedule", "course", "conditions", "laminate", "resolution", "scene",
+    "_types", "compiling", "geometry", "physics", "discretize", "operators",
+    "solvers", "schedule", "course", "conditions", "laminate", "resolution", "scene",
     "gallery", "body", "assembly", "model", "problem", "plies", "glue", "stack",
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
-    "cuts", "breaking", "launch", "run", "audit", "progress", "io", "live", "states",
-    "events", "growth", "fracture", "replay", "walk", "path",
-    "record", "explicit", "relaxed",
+    "cuts", "breaking", "launch", "run", "audit", "progress", "io", "live",
+    "live_krylov", "states", "events", "steps", "retrace", "growth", "fracture",
+    "trapping", "replay", "walk", "path", "record", "explicit", "relaxed",
     "crack_path", "plot", "gradcheck", "observe", "inverse", "descent", "fitting",
     "uncertainty", "resample", "__init__", "__main__",
 ]  # fmt: skip
