@@ -201,7 +201,7 @@ class Growth:
         Raises:
             ValueError: on a state at rest, or one that does not exist.
         """
-        numbers = self.envelope if kept is None else np.atleast_1d(np.asarray(kept))
+        numbers = self.envelope[1:] if kept is None else np.atleast_1d(kept)
         numbers = np.array([range(len(self.factor))[int(k)] for k in numbers])
         if not len(numbers) or not (self.factor[numbers] > 0).all():
             raise ValueError(f"kept: {kept} must name states under load")

@@ -73,8 +73,9 @@ def trapping(scene: Scene) -> Trapping:
         starts=(),
         loads=(),
         supports=(
-            moves(box((0.0, H - grip), (L, H)), x=0.0, y=+1.0),
-            moves(box((0.0, -H), (L, grip - H)), x=0.0, y=-1.0),
+            moves(box((0.0, H - grip), (L, H)), y=+1.0),
+            moves(box((0.0, -H), (L, grip - H)), y=-1.0),
+            moves(box((L - dx, -H), (L, H)), x=0.0),
         ),
         resolution=dataclasses.replace(resolution, nodes="cell", layers=None),
     )
