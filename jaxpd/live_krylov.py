@@ -68,11 +68,11 @@ def _solve(K, constraints, load, u, cycle, rtol, maxiter):
         trace = jnp.trace(blocks, axis1=1, axis2=2)
         bare = trace < 1e-9 * jnp.max(trace)
         eye = jnp.eye(blocks.shape[1], dtype=blocks.dtype)
-        blocks = jnp.where(bare[:, None, None], eye, blocks)
+        blocks = jnp.where(bare[:, None, None], eye[None], blocks)
         # collinear bonds leave a block singular: its diagonal does not
         entries = jnp.diagonal(blocks, axis1=1, axis2=2)
         floor = 1e-3 * jnp.max(entries, axis=1)[:, None, None]
-        near = block_jacobi(blocks + floor * eye)
+        near = block_jacobi(blocks + floor * eye[None])
     else:
 
         def near(r):

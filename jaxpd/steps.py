@@ -2,8 +2,9 @@
 
 At each load factor the bonds above their strength go, all of them or the few that are
 stretched most, and the body is solved again. Every pass is a state of its own, so that
-work and release stay exact; a state in which nothing breaks is accepted. Between steps
-the elastic way is skipped: the next factor is at least that of the next event.
+work and release stay exact; a state in which no bond is above its strength is accepted.
+Between steps the elastic way is skipped: the next factor is at least that of the next
+event.
 
 Measured (double cantilever, m = 3): with failure confined to a plane all at once and
 few at a time end at the same crack; free to fail anywhere, all at once in coarse steps
@@ -59,7 +60,7 @@ def march(
     first = states.rows[0].get("first", 0.0)
     given = None if np.ndim(factors) == 0 else np.asarray(factors, float)
     target = states.rows[-1]["factor"]
-    open_ = len(states.rows) > 1 and not states.rows[-1]["accepted"]
+    open_ = len(states.rows) > 1 and bool(states.rows[-1]["open"])
     while len(states.rows) < limits.states:
         ratio = over_critical(live, states, s_crit)
         top = float(ratio.max(initial=0.0))
@@ -83,7 +84,9 @@ def march(
                 return f"load factor {limits.factor:.6g} reached"
         go = most_stretched(ratio, target, few, ties)
         open_ = len(go) > 0
-        more = {"accepted": not open_, "critical": -1, **live.cost}
+        # a bond just at its strength stands in equilibrium, and goes
+        calm = target * top <= 1.0 + ties
+        more = {"accepted": calm, "open": open_, "critical": -1, **live.cost}
         states.add(target, live.u, live.intact, **more)
         if open_:
             live.lose(go)
