@@ -17,7 +17,7 @@ from jaxpd.events import Limits, follow
 from jaxpd.geometry import Region
 from jaxpd.growth import Growth
 from jaxpd.live import DirectLive
-from jaxpd.live_krylov import METHODS, KrylovLive
+from jaxpd.live_iterative import METHODS, IterativeLive
 from jaxpd.prepare import prepare
 from jaxpd.progress import bar
 from jaxpd.run import peak_memory
@@ -27,6 +27,8 @@ from jaxpd.steps import march
 
 #: States between checkpoints.
 EVERY = 50
+#: Relative differences of stretches that are round-off.
+TIES = 1e-7
 #: Unknowns up to which factors are worth their memory, in 1-D, 2-D and 3-D.
 DIRECT = {1: 10**7, 2: 100_000, 3: 15_000}
 
@@ -42,7 +44,7 @@ def solve_fracture(
     *,
     factors: Sequence[float] | float | None = None,
     few: int | None = None,
-    ties: float = 1e-7,
+    ties: float | None = None,
     toughness: str | float = "nominal",
     solver: str = "auto",
     operator: str = "auto",
@@ -69,10 +71,13 @@ def solve_fracture(
             a number takes steps of that share of the first breaking factor.
         few: of load steps: how many bonds go in a pass; None is all above strength.
         ties: relative distance from the most stretched within which bonds go together:
-            mirror images do. 0.01 to 0.05 saves events and moves G by about 1 %.
+            mirror images do. 0.01 to 0.05 saves events and moves G by about 1 %. None
+            is 1e-7, or 1000 rtol of an iterative solver where that is more: what it
+            cannot tell apart goes together.
         toughness: "nominal", "lattice", or a ratio G / G0 that is divided out.
         solver: "direct", a factorisation that is corrected bond by bond; or iterative:
-            "d-pcg", "multigrid", "amg", "spectral". "auto" is direct up to a size.
+            "d-pcg", "multigrid", "amg", "spectral", "relaxation" (dynamic relaxation).
+            "auto" is direct up to a size.
         operator: of iterative solvers, "gather", "stencil" or "fft".
         rtol: tolerance of each residual of an iterative solver.
         maxiter: most iterations of a solve. Where one fails, it goes on directly.
@@ -102,6 +107,8 @@ def solve_fracture(
         grid = fracture.problem.family.bulk.shape[0] > 0
         small = X.size <= DIRECT[X.shape[1]]
         solver = "direct" if small else "multigrid" if grid else "amg"
+    if ties is None:
+        ties = TIES if solver == "direct" else max(TIES, 1000.0 * rtol)
     live: Any
     if solver == "direct":
         moved = np.asarray(fracture.params["prescribed"])
@@ -169,7 +176,7 @@ class Keeper:
 def _check(
     factors: Any,
     few: int | None,
-    ties: float,
+    ties: float | None,
     solver: str,
     rtol: float,
     severed: float,
@@ -183,7 +190,7 @@ def _check(
             raise ValueError(f"factors: {factors} must rise strictly, from above 0")
     if few is not None and (factors is None or few < 1):
         raise ValueError(f"few: {few} must be 1 or more, and is for load steps")
-    if not 0 < ties < 1:
+    if ties is not None and not 0 < ties < 1:
         raise ValueError(f"ties: {ties} must lie between 0 and 1; 1e-7 is round-off")
     if solver not in ("auto", "direct", *METHODS):
         raise ValueError(
@@ -204,13 +211,14 @@ def _iterative(
     operator: str,
     rtol: float,
     maxiter: int,
-) -> KrylovLive:
+) -> IterativeLive:
     law = getattr(scene.material, "law", scene.material)
     whole = dataclasses.replace(
         scene, material=law, cracks=(), no_fail=(), weak=(), kinematics="small"
     )
-    problem = prepare(whole, operator=operator, solver=solver)
-    return KrylovLive(problem, springs, intact, rtol, maxiter)
+    method = "d-pcg" if solver == "relaxation" else solver
+    problem = prepare(whole, operator=operator, solver=method)
+    return IterativeLive(problem, springs, intact, solver, rtol, maxiter)
 
 
 def _growth(

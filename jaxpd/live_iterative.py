@@ -1,9 +1,10 @@
-"""A body that loses springs, solved anew by preconditioned CG after each loss.
+"""A body that loses springs, solved anew by an iteration after each loss.
 
 The stiffness is that of the whole body, by index lists, stencil or convolution, less a
 growing list of lost springs; nothing is compiled anew until the list has doubled. Each
 solve starts from the last displacements. The preconditioner is that of the body as it
 was when it was made, and is made again from what stands when iterations have doubled.
+Dynamic relaxation, the habit of the field, is there to be compared with.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ from jaxpd.operators.springs import Springs, SpringTangent
 from jaxpd.problem import Problem, first_tangent
 from jaxpd.solvers.amg import build_hierarchy
 from jaxpd.solvers.krylov import block_jacobi, pcg
+from jaxpd.solvers.relaxation import SPARE, relax
 from jaxpd.solvers.status import Status
 
 #: Iterations over those after the last set-up that ask for a new one, and how few do
 #: not matter.
 WORSE, FEW = 1.5, 20
-METHODS = ("d-pcg", "multigrid", "amg", "spectral")
+METHODS = ("d-pcg", "multigrid", "amg", "spectral", "relaxation")
 
 
 @jax.tree_util.register_dataclass
@@ -55,6 +57,27 @@ class Less:
     def diagonal(self) -> PointTensor:
         """Block diagonal of K [n, d, d] (N/m)."""
         return self.whole.diagonal() - self.lost.diagonal()
+
+
+@functools.partial(jax.jit, static_argnames=("maxiter",))
+def _relax(K, constraints, load, u, rtol, maxiter):
+    """The same by adaptive dynamic relaxation."""
+
+    class Moving:
+        """The force as `relax` asks for it."""
+
+        def commit(self, u, history):
+            return -K.mv(u.T).T, history
+
+    # u.K u <= 2 sum u_i.K_ii u_i, and the trace is above the largest eigenvalue
+    mass = 0.5 * SPARE * jnp.trace(K.diagonal(), axis1=1, axis2=2)
+    mass = jnp.where(mass > 1e-9 * jnp.max(mass), mass, jnp.max(mass))
+    start = constraints.lift() + constraints.project(u)
+    fixed = jnp.asarray(constraints.fixed).T
+    u, _, steps, rest, _ = relax(
+        Moving(), mass, load.T, fixed, start.T, None, rtol, maxiter
+    )
+    return u.T, steps, rest <= rtol
 
 
 @functools.partial(jax.jit, static_argnames=("maxiter",))
@@ -89,14 +112,15 @@ def _solve(K, constraints, load, u, cycle, rtol, maxiter):
     return lift + project(x), info
 
 
-class KrylovLive:
-    """`jaxpd.live.Live` by conjugate gradients."""
+class IterativeLive:
+    """`jaxpd.live.Live` by preconditioned conjugate gradients, or relaxation."""
 
     def __init__(
         self,
         problem: Problem,
         springs: Springs,
         intact: NDArray[np.bool_],
+        method: str,
         rtol: float,
         maxiter: int,
     ):
@@ -106,10 +130,11 @@ class KrylovLive:
             problem: the whole body with its linear solver.
             springs: all springs, on the host.
             intact: which of them stand [b].
+            method: one of `METHODS`.
             rtol: relative tolerance of each residual.
             maxiter: most iterations of a solve.
         """
-        self.problem, self.springs = problem, springs
+        self.problem, self.springs, self.method = problem, springs, method
         self.intact = np.ones(len(intact), bool)
         self.u = np.zeros(problem.X.shape)
         self.torn, self.floppy = False, np.zeros(len(self.u), bool)
@@ -171,10 +196,13 @@ class KrylovLive:
     def _go(self) -> tuple[int, bool]:
         K = Less(self._whole, self._gone())
         rtol, maxiter = self._limits
-        u, info = _solve(
-            K, self._held, self._load, jnp.asarray(self.u), self._cycle, rtol, maxiter
-        )
-        count, good = int(info.iterations), int(info.status) == Status.CONVERGED
+        args = (K, self._held, self._load, jnp.asarray(self.u))
+        if self.method == "relaxation":
+            u, steps, good = _relax(*args, rtol, maxiter)
+            count, good = int(steps), bool(good)
+        else:
+            u, info = _solve(*args, self._cycle, rtol, maxiter)
+            count, good = int(info.iterations), int(info.status) == Status.CONVERGED
         self.cost["solves"] += 1
         self.cost["iterations"] += count
         if good:
@@ -183,7 +211,7 @@ class KrylovLive:
 
     def _renew(self) -> bool:
         """A preconditioner of what stands; False where there is none."""
-        method, problem = self.problem.linear.method, self.problem
+        method, problem = self.method, self.problem
         fixed = np.asarray(problem.fixed)
         try:
             if method == "amg":
