@@ -17,7 +17,7 @@ ROOMS = [
     "gallery", "body", "assembly", "model", "problem", "plies", "glue", "stack",
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
     "cuts", "breaking", "launch", "run", "audit", "progress", "io", "live", "states",
-    "events", "growth", "fracture", "replay", "walk", "path",
+    "events", "growth", "fracture", "growth_measures", "replay", "walk", "path",
     "record", "explicit", "relaxed",
     "crack_path", "plot", "gradcheck", "observe", "inverse", "descent", "fitting",
     "uncertainty", "resample", "__init__", "__main__",
