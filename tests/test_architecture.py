@@ -18,9 +18,9 @@ ROOMS = [
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
     "cuts", "breaking", "launch", "run", "audit", "progress", "io", "live",
     "live_iterative", "states", "events", "steps", "retrace", "growth", "fracture",
-    "trapping", "replay", "walk", "path", "record", "explicit", "relaxed",
-    "crack_path", "plot", "gradcheck", "observe", "inverse", "descent", "fitting",
-    "uncertainty", "resample", "__init__", "__main__",
+    "growth_measures", "trapping", "replay", "walk", "path", "record", "explicit",
+    "relaxed", "crack_path", "plot", "gradcheck", "observe", "inverse", "descent",
+    "fitting", "uncertainty", "resample", "__init__", "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))
 EXTRAS = {"matplotlib", "meshio", "tqdm"}
