@@ -32,6 +32,8 @@ from jaxpd.solvers.status import Status
 #: Iterations over those after the last set-up that ask for a new one, and how few do
 #: not matter.
 WORSE, FEW = 1.5, 20
+#: Places of the list of lost springs to begin with; it doubles, and compiles anew.
+ROOM = 1024
 METHODS = ("d-pcg", "multigrid", "amg", "spectral", "relaxation")
 
 
@@ -158,7 +160,7 @@ class IterativeLive:
 
     def _gone(self) -> SpringTangent:
         """The lost springs, padded to a power of two."""
-        room = max(64, 1 << int(np.ceil(np.log2(max(len(self._lost), 1)))))
+        room = max(ROOM, 1 << int(np.ceil(np.log2(max(len(self._lost), 1)))))
         at = np.zeros(room, np.int64)
         at[: len(self._lost)] = self._lost
         some = jax.tree.map(lambda x: jnp.asarray(x[at]), self.springs)
