@@ -167,8 +167,8 @@ def sheared_plate(
     """A square with a notch at mid-height to its middle, its top moved sideways.
 
     The crack leaves the plane of the notch and turns down at some 50 degrees, until it
-    meets the clamp at the bottom: that is the end (`end_of`). What stands then is a strut
-    in compression, where bonds do not break.
+    meets the clamp at the bottom: that is the end (`end_of`). What stands then is a
+    strut in compression, where bonds do not break.
 
     Args:
         m: horizon over spacing.
