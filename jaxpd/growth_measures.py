@@ -33,7 +33,7 @@ class Compliance:
     """Energy of a body with straight cracks, by length.
 
     Attributes:
-        a: lengths [k] (m), growing.
+        a: lengths [k] (m), positive and growing.
         energy: at the load factor 1 [k] (J).
     """
 
@@ -52,12 +52,15 @@ class Compliance:
 
     def energy_at(self, a: Any) -> Any:
         """Energy at the load factor 1 (J) of cracks of length a (m)."""
-        return np.exp(CubicSpline(self.a, np.log(self.energy))(a))
+        return np.exp(self._curve()(np.log(a)))
 
     def slope_at(self, a: Any) -> Any:
         """|dU/da| (J/m): the release rate at the load factor 1."""
-        slope = CubicSpline(self.a, np.log(self.energy))(a, 1)
-        return np.abs(slope) * self.energy_at(a)
+        return np.abs(self._curve()(np.log(a), 1)) * self.energy_at(a) / a
+
+    def _curve(self) -> CubicSpline:
+        """Logarithm of the energy over that of the length: a power is a line."""
+        return CubicSpline(np.log(self.a), np.log(self.energy))
 
     def length_of(self, energy: Any) -> Any:
         """Length (m) of the straight crack of that energy; nan beyond the curve."""

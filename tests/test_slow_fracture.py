@@ -1,6 +1,7 @@
-"""Slow fracture: what was measured before, specimens to their end, symmetry, refusals."""
+"""Slow fracture: measured figures, specimens to their end, symmetry, refusals."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -106,7 +107,7 @@ def test_the_strength_of_a_notch_converges():
     # with the notch over the spacing: K^-2 is linear in h / a, and its limit is the
     # toughness that the lattice traps under tension, 1.54 G0 at m = 3
     weak = [peak_over_toughness(3, columns, 15) ** -2 for columns in (20, 40, 80)]
-    limits = [2.0 * fine - coarse for coarse, fine in zip(weak, weak[1:], strict=False)]
+    limits = [2.0 * fine - coarse for coarse, fine in itertools.pairwise(weak)]
     assert limits[0] == pytest.approx(limits[1], rel=0.02)
     assert limits[1] ** -0.5 == pytest.approx(np.sqrt(1.54), rel=0.03)
 
@@ -148,19 +149,14 @@ def test_specimens_come_to_their_end(name):
             for x in (middle, mirrored)
         ]
         assert keys[0] == keys[1]
-        reach = scene.resolution.horizon
-        far = np.abs(middle[:, 1]) > 0.5 * reach
+        far = np.abs(middle[:, 1]) > 0.5 * scene.resolution.horizon
         assert far.mean() < (0.3 if name == "free" else 0.02)
     if name == "sheared":  # downwards, into the side in tension
         turn = middle[-20:].mean(axis=0) - middle[:5].mean(axis=0)
         assert -65 < np.degrees(np.arctan2(turn[1], turn[0])) < -35
     if name == "panel":  # across the standing leg
-        assert middle[0] == pytest.approx((0.25, 0.25), abs=reach_of(scene))
-        assert np.abs(middle[:, 1] - 0.25).max() < 2 * reach_of(scene)
-
-
-def reach_of(scene):
-    return scene.resolution.horizon
+        assert middle[0] == pytest.approx((0.25, 0.25), abs=scene.resolution.horizon)
+        assert np.abs(middle[:, 1] - 0.25).max() < 2 * scene.resolution.horizon
 
 
 def test_the_numbering_of_points_does_not_matter(rng):
