@@ -73,7 +73,7 @@ def dcb(report: Report, quick: bool) -> Any:
     for m, (arm, length, columns, *bands) in CANTILEVERS.items():
         if quick and m > 3:
             break
-        scene = gallery.double_cantilever(m, arm, length)
+        scene: Any = gallery.double_cantilever(m, arm, length)
         (L, H), h = scene.body.hi, scene.resolution.dx
         end = box((gallery.notch_of(scene) + columns * h, -H), (L, H))
         growth = run(report, "dcb", f"m = {m}", scene, end=end)
@@ -102,7 +102,7 @@ def notch(report: Report, quick: bool) -> None:
     """Edge notches under stress, only bonds across the plane of the notch may fail."""
     weak = {}
     for m, columns, states, known in NOTCHES[:1] if quick else NOTCHES:
-        scene = gallery.notched_plate(m, columns)
+        scene: Any = gallery.notched_plate(m, columns)
         E, G0, W = scene.material.E, scene.material.G0, scene.body.hi[0]
         case = f"m = {m}, W/h = {columns}"
         a0, h = gallery.notch_of(scene), scene.resolution.dx

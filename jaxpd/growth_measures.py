@@ -195,10 +195,12 @@ def cantilever_figures(growth: Growth, skip: int = 3) -> dict[str, Any]:
         highest state of each column; and "toughness", "opening" [F] (m), "P" [F] (N/m).
     """
     scene, X = growth.scene, growth.X
-    (L, H), h = scene.body.hi, scene.resolution.dx
+    body: Any = scene.body
+    (L, H), h = body.hi, scene.resolution.dx
     E, G0, a0 = scene.material.E, scene.material.G0, notch_of(scene)
     arm = scene.supports[0]
-    given = 2.0 * arm.components[1]
+    half: Any = arm.components[1]
+    given = 2.0 * half
     pulled = arm.region.contains(X[growth.held])
     P = growth.reaction[:, pulled, 1].sum(axis=1)
     opening = growth.factor * given
