@@ -149,8 +149,11 @@ def test_specimens_come_to_their_end(name):
             for x in (middle, mirrored)
         ]
         assert keys[0] == keys[1]
-        far = np.abs(middle[:, 1]) > 0.5 * scene.resolution.horizon
-        assert far.mean() < (0.3 if name == "free" else 0.02)
+        # some bonds beside the plane break where the crack jumps
+        assert np.abs(middle[:, 1]).max() <= scene.resolution.horizon
+        if name == "compact":
+            ends = growth.X[growth.springs.i], growth.X[growth.springs.j]
+            assert (ends[0][:, 1] * ends[1][:, 1] < 0)[broken].all()
     if name == "sheared":  # downwards, into the side in tension
         turn = middle[-20:].mean(axis=0) - middle[:5].mean(axis=0)
         assert -65 < np.degrees(np.arctan2(turn[1], turn[0])) < -35
