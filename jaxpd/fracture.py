@@ -16,6 +16,7 @@ from jaxpd.growth import Growth
 from jaxpd.live import DirectLive
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
+from jaxpd.softening import check_softening, soften
 from jaxpd.states import States
 
 
@@ -35,22 +36,40 @@ def solve_fracture(
     max_states: int = 20_000,
     severed: float = 1e-6,
     watch: Sequence[Region] = (),
+    softening: float | None = None,
+    control: str = "dissipation",
+    factors: Sequence[float] | None = None,
+    amount: float | None = None,
 ) -> Growth:
     """Break a scene slowly, from one equilibrium to the next."""
     started = time.perf_counter()
+    check_softening(softening, control, factors, amount)
     fracture = prepare_fracture(scene, toughness)
     springs, s_crit = jax.tree.map(np.asarray, _numbers(fracture))
     X = np.asarray(fracture.X)
     fixed = np.asarray(fracture.fixed)
     prescribed, load = (np.asarray(fracture.params[k]) for k in ("prescribed", "load"))
     cut = np.asarray(fracture.cut)
-    live = DirectLive(springs, fixed, prescribed, load, ~cut)
-    seen = tuple(region.contains(X) for region in watch)
-    states = States(springs, fixed, load, cut, seen)
-    states.add(0.0, live.u, live.intact)
     middle = 0.5 * (X[springs.i] + X[springs.j])
     last = np.zeros(len(cut), bool) if end is None else end.contains(middle)
     limits = Limits(max_states, max_factor, last, severed)
+    seen = tuple(region.contains(X) for region in watch)
+    if softening is not None:
+        return soften(
+            scene,
+            fracture,
+            (springs, s_crit),
+            limits,
+            seen,
+            softening=softening,
+            control=control,
+            factors=factors,
+            amount=amount,
+            started=started,
+        )
+    live = DirectLive(springs, fixed, prescribed, load, ~cut)
+    states = States(springs, fixed, load, cut, seen)
+    states.add(0.0, live.u, live.intact)
     ready = time.perf_counter()
     stopped = follow(live, states, s_crit, ties, limits, lambda: False)
     seconds = {"prepare": ready - started, "path": time.perf_counter() - ready}

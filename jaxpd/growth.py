@@ -15,6 +15,7 @@ from jaxpd.breaking import Fracture, piece_labels
 from jaxpd.geometry import Region
 from jaxpd.operators.springs import Springs
 from jaxpd.scene import Scene
+from jaxpd.soft_states import Softened
 
 
 class Unfinished(RuntimeError):
@@ -56,6 +57,8 @@ class Growth:
         done: whether that is an end that was asked for.
         seconds: wall time of "prepare" and "path".
         peak_memory: highest resident memory of the process so far (bytes).
+        softened: memory and displacements of every state, if bonds soften; a bond is
+            broken when nothing of its force is left.
     """
 
     scene: Scene
@@ -80,6 +83,7 @@ class Growth:
     done: bool
     seconds: dict[str, float]
     peak_memory: int
+    softened: Softened | None = None
 
     def __repr__(self) -> str:
         """One line: sizes, balance, end."""
@@ -163,6 +167,8 @@ class Growth:
             return ends
 
         whole = total(start)
+        if self.softened is not None:
+            share = share * self.softened.share(state, len(share))
         left = total(start & ~self.broken_by(state))
         return 1.0 - np.divide(left, whole, out=np.ones(n), where=whole > 0)
 
