@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from jaxpd.breaking import Fracture, piece_labels
 from jaxpd.geometry import Region
 from jaxpd.operators.springs import Springs
 from jaxpd.scene import Scene
+from jaxpd.soft_replay import SoftReplay, replay_of
 from jaxpd.soft_states import Softened
 
 
@@ -205,6 +207,19 @@ class Growth:
                 f"{self.factor[-1]:.6g}: {self.stopped}"
             )
         return self
+
+    def replay(self, kept: Sequence[int] | None = None) -> SoftReplay:
+        """The path of softening bonds as a pure function of the parameters.
+
+        Args:
+            kept: numbers of the states to look at, all but rest by default.
+
+        Raises:
+            ValueError: if bonds do not soften, or on numbers that are no states.
+        """
+        if self.softened is None:
+            raise ValueError("softening: None is brittle; give a ratio, 10 for one")
+        return replay_of(self.fracture, self.softened, self.factor, kept)
 
     def write(self, folder: str | Path) -> list[Path]:
         """A VTU file of the last state, and a .pvd that names it; needs meshio."""

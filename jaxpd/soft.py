@@ -155,11 +155,15 @@ class SoftBody:
         gain = self.stored(trial.u, trial.stretch, h) - old[1]
         return float(force @ du) - gain - (self.spent(h) - self.spent(self.h))
 
+    def gone(self) -> NDArray[np.bool_]:
+        """Which springs have nothing left of their force [b]."""
+        return self.law.used(self.h) >= 1.0 - NEAR
+
     def moving(self) -> NDArray[np.bool_]:
         """Which springs spend energy if the path goes on [b]."""
         s = self.stretch(self.u) * (1.0 + NEAR)
         law = self.law
-        return (s >= np.maximum(self.h, law.peak)) & (law.used(self.h) < 1.0 - NEAR)
+        return (s >= np.maximum(self.h, law.peak)) & ~self.gone()
 
     def left(self) -> float:
         """Energy (J) that the springs of `moving` can still spend."""
@@ -177,12 +181,13 @@ class SoftBody:
         Returns:
             None where a spring is there already, or none is stretched.
         """
-        share = self.law.share(self.h)
-        self.tangent.follow(self.k * np.where(share > 0.0, share, GHOST))
+        left = ~self.gone()
+        share = np.where(left, self.law.share(self.h), GHOST)
+        self.tangent.follow(self.k * share)
         one = self._along()
         s = self.stretch(one)
         limit = np.maximum(self.h, self.law.peak)
-        may = (share > 0.0) & (s > NEAR * np.abs(s).max(initial=0.0))
+        may = left & (s > NEAR * np.abs(s).max(initial=0.0))
         if not may.any():
             return None
         factor = float((limit[may] / s[may]).min())

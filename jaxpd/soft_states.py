@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from jaxpd.operators.springs import Springs
 from jaxpd.physics.bilinear import Bilinear
-from jaxpd.soft import NEAR, SoftBody
+from jaxpd.soft import SoftBody
 from jaxpd.states import NEVER
 
 Floats = NDArray[np.floating]
@@ -93,7 +93,7 @@ class SoftStates:
         inner = body.inner(u, s, h)
         held = body.fixed.ravel()
         reaction = np.where(held, inner - f * body.load, 0.0)
-        gone = body.law.used(h) >= 1.0 - NEAR
+        gone = body.gone()
         row = {
             "factor": f,
             "stored": body.stored(u, s, h),

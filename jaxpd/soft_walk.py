@@ -128,6 +128,8 @@ class SoftWalk:
                     trial = self._until(min(aim, self.limits.factor)) or trial
             else:
                 trial = self._elastic()
+                if trial is None and aim < np.inf:
+                    trial = self._until(min(aim, self.limits.factor))
                 if trial is None:
                     return "severed: no bond that may break is stretched any more"
                 if trial.factor > min(aim, self.limits.factor):

@@ -18,7 +18,7 @@ ROOMS = [
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
     "cuts", "breaking", "launch", "run", "audit", "progress", "io", "live", "states",
     "events", "soft_tangent", "soft", "soft_rest", "soft_states",
-    "soft_walk", "growth", "softening", "fracture", "replay", "walk", "path",
+    "soft_walk", "soft_replay", "growth", "softening", "fracture", "replay", "walk", "path",
     "record", "explicit", "relaxed",
     "crack_path", "plot", "gradcheck", "observe", "inverse", "descent", "fitting",
     "uncertainty", "resample", "__init__", "__main__",
