@@ -39,6 +39,7 @@ class SoftFrames:
     Attributes:
         u: displacements [F, n, d] (m).
         reaction: forces of the supports [F, n, d] (N).
+        force: work of the load factor's growth by 1 [F] (J), as of `Growth`.
         h: largest stretch of each bond so far [F, b] (-).
         share: share of its stiffness that is left [F, b] (-).
         stored: energy of all bonds [F] (J).
@@ -47,6 +48,7 @@ class SoftFrames:
 
     u: jax.Array
     reaction: jax.Array
+    force: jax.Array
     h: jax.Array
     share: jax.Array
     stored: jax.Array
@@ -149,18 +151,26 @@ def solve_again(replay: SoftReplay, params: Params) -> tuple[SoftFrames, NewtonI
     """All states again, in one scan."""
     fixed, linear = replay.fixed, replay.linear
     untouched = replay.operator(params)
+    moved, pull = (jnp.asarray(params[name]) for name in ("prescribed", "load"))
 
     def take(h, item):
         factor, start, floor = item
         operator = untouched.after(h)
-        constraints = Constraints(fixed, factor * jnp.asarray(params["prescribed"]))
-        load = factor * jnp.asarray(params["load"])
+        constraints = Constraints(fixed, factor * moved)
+        load = factor * pull
         u, info = equilibrium(NEWTON, operator, constraints, load, linear, start, floor)
         h = operator.advance(u)
         operator = operator.after(h)
         pulled = jnp.where(fixed, -(operator.respond(u) + load), 0.0)
-        share = operator.law.share(h)
-        frame = SoftFrames(u, pulled, h, share, operator.energy(u), operator.spent())
+        frame = SoftFrames(
+            u=u,
+            reaction=pulled,
+            force=jnp.sum(pulled * moved) + jnp.sum(pull * u),
+            h=h,
+            share=operator.law.share(h),
+            stored=operator.energy(u),
+            spent=operator.spent(),
+        )
         return h, (frame, info)
 
     items = jax.tree.map(jnp.asarray, (replay.factors, replay.start, replay.floor))
