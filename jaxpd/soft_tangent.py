@@ -26,8 +26,8 @@ Floats = NDArray[np.floating]
 FEW = 40
 #: A gap of a correction that would lose digits.
 NARROW = 1e-3
-#: Residual of a linear solve that is good (-).
-GOOD = 1e-9
+#: Residual of a linear solve that will do (-); Newton's method looks at its own.
+GOOD = 1e-6
 
 
 class SoftTangent:

@@ -76,6 +76,14 @@ class SoftWalk:
         self.fallbacks[way] += 1
         self._row[way] = self._row.get(way, 0) + 1
 
+    def _left(self, work: float) -> float:
+        """Stiffness over that at first, of the work at the load factor 1 (J)."""
+        if not self._first or not work:
+            return 1.0 if not self._first else 0.0
+        # held by moved supports a weaker body works less, under loads alone more
+        share = work / self._first
+        return share if self.body.lift.any() else 1.0 / share
+
     def _keep(self, trial: Trial, damped: bool = False) -> str | None:
         """Commit a trial and keep it; why the path ends there, or None."""
         body, limits, states = self.body, self.limits, self.states
@@ -93,9 +101,9 @@ class SoftWalk:
         if body.factor:
             stiff = row["force"] / body.factor
             self._first = self._first or stiff / body.factor
-            if stiff <= limits.severed * self._first * body.factor:
-                left = max(stiff / (self._first * body.factor), 0.0)
-                return f"severed: {left:.1e} of the stiffness is left"
+            left = self._left(stiff / body.factor)
+            if left <= limits.severed:
+                return f"severed: {max(left, 0.0):.1e} of the stiffness is left"
         if row["broken"] > broken:
             new = states.broken_at == len(states.rows) - 1
             if (limits.end & new).any():
@@ -149,7 +157,7 @@ class SoftWalk:
             return None
         if trial is not None:
             energy = body.stored(trial.u, trial.stretch, body.h) / trial.factor**2
-            if 2.0 * energy <= self.limits.severed * self._first:
+            if self._left(2.0 * energy) <= self.limits.severed:
                 return None
         return trial
 
