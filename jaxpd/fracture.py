@@ -22,6 +22,7 @@ from jaxpd.prepare import prepare
 from jaxpd.progress import bar
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
+from jaxpd.softening import check_softening, soften
 from jaxpd.states import States
 from jaxpd.steps import march
 
@@ -46,6 +47,8 @@ def solve_fracture(
     few: int | None = None,
     ties: float | None = None,
     toughness: str | float = "nominal",
+    softening: float | None = None,
+    amount: float | None = None,
     solver: str = "auto",
     operator: str = "auto",
     rtol: float = 1e-10,
@@ -75,6 +78,12 @@ def solve_fracture(
             is 1e-7, or 1000 rtol of an iterative solver where that is more: what it
             cannot tell apart goes together.
         toughness: "nominal", "lattice", or a ratio G / G0 that is divided out.
+        softening: None is brittle. A ratio above 1 lets bonds soften in a straight line
+            instead, from the stretch s_crit / ratio^(1/2) to s_crit ratio^(1/2) with
+            the same energy; 10 and a weak plane make G that of the lattice. The path is
+            then controlled by the energy that is spent, snap-back included; with
+            `factors` by load steps, and what else they need (`Growth.fallbacks`).
+        amount: of softening: largest energy that a step spends (J).
         solver: "direct", a factorisation that is corrected bond by bond; or iterative:
             "d-pcg", "multigrid", "amg", "spectral", "relaxation" (dynamic relaxation).
             "auto" is direct up to a size.
@@ -98,7 +107,8 @@ def solve_fracture(
             another path.
     """
     started = time.perf_counter()
-    _check(factors, few, ties, solver, rtol, severed, max_states)
+    _check(factors, softening, few, ties, solver, rtol, severed, max_states)
+    check_softening(softening, amount, (few, ties, folder), solver)
     fracture = prepare_fracture(scene, toughness)
     springs, s_crit = jax.tree.map(np.asarray, _numbers(fracture))
     X, fixed = np.asarray(fracture.X), np.asarray(fracture.fixed)
@@ -109,19 +119,24 @@ def solve_fracture(
         solver = "direct" if small else "multigrid" if grid else "amg"
     if ties is None:
         ties = TIES if solver == "direct" else max(TIES, 1000.0 * rtol)
+    for region in watch:
+        if not region.contains(X).any():
+            raise ValueError(f"watch: no point lies in {region}")
+    middle = 0.5 * (X[springs.i] + X[springs.j])
+    last = np.zeros(len(cut), bool) if end is None else end.contains(middle)
+    limits = Limits(max_states, max_factor, last, severed)
+    seen = tuple(region.contains(X) for region in watch)
+    if softening is not None:
+        numbers = (springs, s_crit)
+        how_: Any = {"softening": softening, "factors": factors, "amount": amount}
+        return soften(scene, fracture, numbers, limits, seen, started=started, **how_)
     live: Any
     if solver == "direct":
         moved = np.asarray(fracture.params["prescribed"])
         live = DirectLive(springs, fixed, moved, load, ~cut)
     else:
         live = _iterative(scene, springs, ~cut, solver, operator, rtol, maxiter)
-    for region in watch:
-        if not region.contains(X).any():
-            raise ValueError(f"watch: no point lies in {region}")
-    states = States(springs, fixed, load, cut, tuple(r.contains(X) for r in watch))
-    middle = 0.5 * (X[springs.i] + X[springs.j])
-    last = np.zeros(len(cut), bool) if end is None else end.contains(middle)
-    limits = Limits(max_states, max_factor, last, severed)
+    states = States(springs, fixed, load, cut, seen)
     mark = "a slow fracture, "
     how = (factors, few, ties, solver, severed, max_factor, watch)
     mark += io.digest((fracture, last), *map(repr, how))
@@ -175,6 +190,7 @@ class Keeper:
 
 def _check(
     factors: Any,
+    softening: float | None,
     few: int | None,
     ties: float | None,
     solver: str,
@@ -186,7 +202,9 @@ def _check(
     if factors is not None:
         some = np.atleast_1d(np.asarray(factors, float))
         rising = (np.diff(some, prepend=0.0) > 0).all()
-        if some.ndim != 1 or not len(some) or not rising:
+        # softening bonds unload and load again
+        good = np.isfinite(some).all() and (rising or softening is not None)
+        if some.ndim != 1 or not len(some) or not good:
             raise ValueError(f"factors: {factors} must rise strictly, from above 0")
     if few is not None and (factors is None or few < 1):
         raise ValueError(f"few: {few} must be 1 or more, and is for load steps")

@@ -17,6 +17,8 @@ from jaxpd.geometry import Region
 from jaxpd.operators.springs import Springs
 from jaxpd.retrace import Retrace
 from jaxpd.scene import Scene
+from jaxpd.soft_replay import SoftReplay, replay_of
+from jaxpd.soft_states import Softened
 
 
 class Unfinished(RuntimeError):
@@ -60,6 +62,8 @@ class Growth:
         done: whether that is an end that was asked for.
         seconds: wall time of "prepare" and "path".
         peak_memory: highest resident memory of the process so far (bytes).
+        softened: memory and displacements of every state, if bonds soften; a bond is
+            broken when nothing of its force is left.
     """
 
     scene: Scene
@@ -85,6 +89,7 @@ class Growth:
     done: bool
     seconds: dict[str, float]
     peak_memory: int
+    softened: Softened | None = None
 
     def __repr__(self) -> str:
         """One line: sizes, balance, end."""
@@ -168,6 +173,8 @@ class Growth:
             return ends
 
         whole = total(start)
+        if self.softened is not None:
+            share = share * self.softened.share(state, len(share))
         left = total(start & ~self.broken_by(state))
         return 1.0 - np.divide(left, whole, out=np.ones(n), where=whole > 0)
 
@@ -192,15 +199,18 @@ class Growth:
         """Number of the state with the largest load factor."""
         return int(np.argmax(np.where(self.accepted, self.factor, -np.inf)))
 
-    def replay(self, kept: Any = None) -> Retrace:
+    def replay(self, kept: Any = None) -> Retrace | SoftReplay:
         """States as one differentiable function of the parameters.
 
         Args:
-            kept: their numbers; those of the envelope by default.
+            kept: their numbers; by default those of the envelope, of softening bonds
+                all but rest.
 
         Raises:
             ValueError: on a state at rest, or one that does not exist.
         """
+        if self.softened is not None:
+            return replay_of(self.fracture, self.softened, self.factor, kept)
         numbers = self.envelope[1:] if kept is None else np.atleast_1d(kept)
         numbers = np.array([range(len(self.factor))[int(k)] for k in numbers])
         if not len(numbers) or not (self.factor[numbers] > 0).all():
