@@ -28,13 +28,13 @@ def _counts(growth: Any) -> dict[str, Any]:
     """Iterations a solve until nine tenths of what breaks are broken."""
     broken = np.array([growth.broken_by(k).sum() for k in range(len(growth.factor))])
     some = broken[1:] - broken[0] <= 0.9 * (broken[-1] - broken[0])
-    each = np.diff(growth.cost["iterations"])[some]
+    each = growth.cost["iterations"][1:][some]
     first = growth.cost["iterations"][0]
     return {
         "first": int(first),
         "median": float(np.median(each[each > 0])),
         "most": int(each.max()),
-        "set-ups": int(growth.cost["factorisations"][-1]),
+        "set-ups": int(growth.cost["factorisations"].sum()),
         "direct": growth.fallbacks["direct"],
     }
 
@@ -67,7 +67,7 @@ def report_solvers(quick: bool) -> None:
         exact = _warm(scene, solver="direct")
         seconds = exact.seconds["path"]
         lines.append(["direct", "-", len(exact.X), len(exact.factor), 0, 0, 0, 0,
-                      exact.cost["factorisations"][-1], seconds, 1.0, 0.0])  # fmt: skip
+                      int(exact.cost["factorisations"].sum()), seconds, 1.0, 0.0])  # fmt: skip
         for solver, operator in WAYS[:2] if quick else WAYS:
             whole = _intact(scene, solver, operator)
             found = _warm(scene, solver=solver, operator=operator)
@@ -138,9 +138,10 @@ def report_relaxation(quick: bool) -> None:
             path = growth.seconds["path"]
             peak = growth.force[growth.accepted].max()
             peak /= found["direct"].force[found["direct"].accepted].max()
-            each = growth.cost["iterations"][-1] / max(growth.cost["solves"][-1], 1)
+            solves = growth.cost["solves"].sum()
+            each = growth.cost["iterations"].sum() / solves
             lines.append([name, len(growth.X), len(growth.factor),
-                          growth.cost["solves"][-1], each, path, last / path,
+                          int(solves), each, path, last / path,
                           np.abs(growth.balance).max(), peak - 1.0])  # fmt: skip
             report.rows.append(
                 {"solver": name, "columns": columns, "states": len(growth.factor),

@@ -248,7 +248,8 @@ def _growth(
     seconds: dict[str, float],
 ) -> Growth:
     column = states.column
-    cost = {name: column(name) for name in live.cost}
+    names = ("solves", "iterations", "factorisations", "seconds")
+    cost = {name: np.diff(column(name), prepend=0.0) for name in names}
     return Growth(
         scene=scene,
         fracture=fracture,
