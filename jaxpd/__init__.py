@@ -73,6 +73,7 @@ from jaxpd.scene import Elastic, Scene, Solid
 from jaxpd.schedule import Table, ramp, table
 from jaxpd.solvers.status import NotConverged, Status
 from jaxpd.stack import Stack
+from jaxpd.trapping import Trapping, trapping
 
 __version__ = "0.1.0"
 
@@ -101,6 +102,7 @@ __all__ = [
     "Stack",
     "Status",
     "Table",
+    "Trapping",
     "Voce",
     "above",
     "adhesive",
@@ -153,6 +155,7 @@ __all__ = [
     "solvers",
     "table",
     "traction",
+    "trapping",
     "uncertainty",
     "union",
     "von_mises",

@@ -1,5 +1,6 @@
 """Constitutive physics of one bond or one node, pure and undecorated."""
 
+from jaxpd.physics.bilinear import Bilinear
 from jaxpd.physics.bond import (
     Microelastic,
     bond_block,
@@ -29,6 +30,7 @@ from jaxpd.physics.node import Hooke, tangent_block, von_mises_stress
 from jaxpd.physics.plasticity import Plastic, VonMises, von_mises
 
 __all__ = [
+    "Bilinear",
     "Brittle",
     "Conical",
     "Constant",

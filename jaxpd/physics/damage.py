@@ -10,7 +10,7 @@ A law with damage wraps an elastic one and gives each bond a memory h, a scalar.
 and the leaves rules of `jaxpd.physics.bond`. The force of a bond is share(h) times that
 of the law inside. `Brittle` breaks at once (paper 002, eq. 9); `Softening` loses its
 force over a range of stretches, so that it may be differentiated in the fracture
-energy.
+energy. `jaxpd.physics.bilinear` has the straight fall of quasi-static paths.
 
 Sources: paper 002, eqs. 9-10; S. A. Silling, E. Askari, Comput. Struct. 83 (2005).
 """

@@ -61,8 +61,13 @@ class Downdated:
         """Whether the factors should be made anew."""
         return self._count > self._limit - 2
 
-    def factorise(self, K: sp.sparray) -> None:
+    def factorise(self, K: sp.sparray, definite: bool = True) -> None:
         """Factorise K [size, size], pins added.
+
+        Args:
+            K: the matrix.
+            definite: whether the diagonal is a good pivot; without it, rows are
+                exchanged, for a matrix that is not positive.
 
         Raises:
             Singular: if that fails.
@@ -72,10 +77,11 @@ class Downdated:
             extra = np.zeros(self.size)
             extra[list(self.pins)] = list(self.pins.values())
             K = K + sp.diags_array(extra)
-        how: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+        how: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A"}
+        if definite:
+            how |= {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
         try:
-            matrix = sp.csc_matrix(K)
-            self._factors = splu(matrix, **how, options={"SymmetricMode": True})
+            self._factors = splu(sp.csc_matrix(K), **how)
         except RuntimeError as error:
             raise Singular(f"K: the stiffness is singular ({error})") from error
         self.factorisations += 1
