@@ -171,7 +171,7 @@ def draw(report: Report, beam: Any, grown: dict[str, Any]) -> None:
     scene = growth.scene
     H, E, G0 = scene.body.hi[1], scene.material.E, scene.material.G0
     columns = 5
-    rows = 1 + -(-(len(grown) - 3) // columns) if len(grown) > 3 else 1
+    rows = -(-(len(grown) + 1) // columns)
     figure = plot.new_figure(rows, columns, 3.2 * columns, 3.4 * rows)
     panels = iter(figure.axes)
     axes = next(panels)
@@ -185,7 +185,7 @@ def draw(report: Report, beam: Any, grown: dict[str, Any]) -> None:
         axes.plot(1e3 * some, force, "--", lw=1.0, label=label)
     axes.set(xlabel="opening (mm)", ylabel="force (kN/m)", title="double cantilever")
     axes.legend(frameon=False, fontsize=7)
-    for axes, (case, one) in zip(panels, grown.items(), strict=False):
+    for (case, one), axes in zip(grown.items(), panels, strict=False):
         axes.scatter(*one.X.T, s=0.2, c="0.85")
         middle = one.places()
         axes.scatter(*middle.T, s=1.5, c=np.arange(len(middle)))
