@@ -5,6 +5,10 @@ Parts, each a function of (report, quick) that adds rows and claims and may draw
     dcb     double cantilevers: release rates over G0 and force over beam theory
     notch   edge notches under stress: highest K over sqrt(E G0), and its limit
     scenes  every specimen of the gallery to its end, with its cost
+    calibrated  release rates with the trapping of the lattice divided out
+    softening   bilinear bonds: release rates, steps, ways out
+
+and two reports of their own: the solvers' cost, and dynamic relaxation's.
 """
 
 from __future__ import annotations
@@ -14,6 +18,8 @@ from typing import Any
 
 import jax
 import numpy as np
+from _fracture_cost import report_relaxation, report_solvers
+from _fracture_soft import calibrated, softening
 from _report import Report, is_quick
 
 import jaxpd
@@ -162,7 +168,13 @@ def scenes(report: Report, quick: bool) -> dict[str, Any]:
     return found
 
 
-PARTS = {"dcb": dcb, "notch": notch, "scenes": scenes}
+PARTS = {
+    "dcb": dcb,
+    "notch": notch,
+    "scenes": scenes,
+    "calibrated": calibrated,
+    "softening": softening,
+}
 
 
 def draw(report: Report, beam: Any, grown: dict[str, Any]) -> None:
@@ -199,6 +211,9 @@ def draw(report: Report, beam: Any, grown: dict[str, Any]) -> None:
 def main() -> None:
     """Measure, print, write."""
     quick = is_quick(__doc__)
+    if not quick:
+        report_solvers(quick)
+        report_relaxation(quick)
     report = Report("fracture_static", quick)
     found: dict[str, Any] = {name: part(report, quick) for name, part in PARTS.items()}
     draw(report, found["dcb"], found["scenes"])

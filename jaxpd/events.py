@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpd.live import Live
-from jaxpd.states import States
+from jaxpd.states import NEVER, States
 
 #: Stretch over the critical one, of what was there at first, that is nothing.
 SLACK = 1e-9
@@ -97,6 +97,8 @@ def ended(
 ) -> str | None:
     """Why a path ends after the bonds `go` went at a factor, or None."""
     if live.torn:
+        lost = go[states.broken_at[go] == NEVER]
+        states.broken_at[lost] = len(states.rows)  # after the last state
         return "torn: a load pulls at a piece that nothing holds"
     stiff = states.rows[1]["force"] / states.rows[1]["factor"]
     now, why = force_of(live, states), None

@@ -19,6 +19,7 @@ from jaxpd.retrace import Retrace
 from jaxpd.scene import Scene
 from jaxpd.soft_replay import SoftReplay, replay_of
 from jaxpd.soft_states import Softened
+from jaxpd.states import NEVER
 
 
 class Unfinished(RuntimeError):
@@ -51,7 +52,7 @@ class Growth:
         released: lost with bonds [F] (J): what they held, and what their loss frees.
         bonds: what the broken bonds held when they went [F] (J).
         broken_at: state from which on each bond is gone [b]: -1 by the scene's cracks,
-            `jaxpd.states.NEVER` if it stands.
+            F of those whose loss tore a piece off, `jaxpd.states.NEVER` if it stands.
         u: displacements in the last state [n, d] (m).
         floppy: points that could move without any force [n]: pieces that came off, and
             hinges. They are held so that no force arises; where they are means nothing.
@@ -107,7 +108,7 @@ class Growth:
     @property
     def broken(self) -> np.ndarray:
         """Bonds that broke, cracks of the scene aside [b]."""
-        return (self.broken_at >= 0) & (self.broken_at < len(self.factor))
+        return (self.broken_at >= 0) & (self.broken_at < NEVER)
 
     @property
     def balance(self) -> np.ndarray:
@@ -184,9 +185,13 @@ class Growth:
         some = some[np.argsort(self.broken_at[some], kind="stable")]
         return 0.5 * (self.X[self.springs.i[some]] + self.X[self.springs.j[some]])
 
-    def pieces(self, state: int = -1) -> np.ndarray:
-        """Label of the piece that each point belongs to [n], in a state."""
-        live = ~self.broken_by(state)
+    def pieces(self, state: int | None = None) -> np.ndarray:
+        """Label of the piece that each point belongs to [n].
+
+        Args:
+            state: in which; None is at the end, with the bonds that tore a piece off.
+        """
+        live = self.broken_at == NEVER if state is None else ~self.broken_by(state)
         s = self.springs
         return piece_labels(s.i[live], s.j[live], len(self.X))
 

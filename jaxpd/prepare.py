@@ -37,14 +37,7 @@ from jaxpd.nodes import nodal_problem
 from jaxpd.operators.lattice import index_pairs
 from jaxpd.operators.patches import share
 from jaxpd.plies import check_stack, ply_scenes
-from jaxpd.problem import (
-    OPERATORS,
-    Params,
-    Problem,
-    Spec,
-    first_tangent,
-    separate,
-)
+from jaxpd.problem import OPERATORS, Params, Problem, Spec, first_tangent, separate
 from jaxpd.resolution import MLS, NODES, Kernel
 from jaxpd.scene import Scene
 from jaxpd.solvers.choice import cheapest
