@@ -141,3 +141,17 @@ def test_a_law_of_strain_in_ten_lines():
     scene = jaxpd.gallery.plastic_bar(5, law=law, strain=0.5)
     path = jaxpd.solve_path(scene, [1.0]).checked()
     np.testing.assert_allclose(path.stress[-1], 7.5)
+
+
+def test_a_plate_that_breaks_slowly_and_its_derivative():
+    """The lines after the path go on from it; both forms are homogeneous."""
+    code = block("solve_fracture(scene).checked()") + block("def peak(params)")
+    printed, names = run(code)
+    growth = names["growth"]
+    assert "severed" in printed
+    assert np.abs(growth.balance).max() < 1e-12
+    value = growth.force[growth.peak]
+    # forces go with (G0 E)^(1/2)
+    assert float(names["slope"]["G0"]) == pytest.approx(value / (2 * 3.8), rel=1e-8)
+    total = float(names["slope"]["E"].sum())
+    assert total == pytest.approx(value / (2 * 72e9), rel=1e-8)
