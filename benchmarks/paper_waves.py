@@ -69,7 +69,7 @@ def identical(quick: bool) -> Run:
 
 def dt_of(quick: bool) -> float:
     """The time step (s)."""
-    return 0.0275 if quick else 0.0125
+    return 0.025 if quick else 0.0125
 
 
 def on_axis(run: Run, t: int) -> tuple[Any, Any]:

@@ -72,6 +72,7 @@ from jaxpd.scene import Elastic, Scene, Solid
 from jaxpd.schedule import Table, ramp, table
 from jaxpd.solvers.status import NotConverged, Status
 from jaxpd.stack import Stack
+from jaxpd.trapping import Trapping, trapping
 
 __version__ = "0.1.0"
 
@@ -100,6 +101,7 @@ __all__ = [
     "Stack",
     "Status",
     "Table",
+    "Trapping",
     "Voce",
     "above",
     "adhesive",
@@ -151,6 +153,7 @@ __all__ = [
     "solvers",
     "table",
     "traction",
+    "trapping",
     "uncertainty",
     "union",
     "von_mises",

@@ -74,10 +74,14 @@ def follow(
             return "severed: no bond that may break is stretched any more"
         factor = 1.0 / top
         if factor > limits.factor:
-            states.add(limits.factor, live.u, live.intact)
+            end = {"accepted": True, "critical": -1, **live.cost}
+            states.add(limits.factor, live.u, live.intact, **end)
             return f"load factor {limits.factor:.6g} reached"
         states.rows[0]["first"] = first
-        states.add(factor, live.u, live.intact)
+        worst = int(np.argmax(ratio))
+        states.add(
+            factor, live.u, live.intact, accepted=True, critical=worst, **live.cost
+        )
         go = np.flatnonzero(ratio >= top * (1.0 - ties))
         live.lose(go)
         why = ended(live, states, factor, go, limits)
@@ -94,15 +98,16 @@ def ended(
     """Why a path ends after the bonds `go` went at a factor, or None."""
     if live.torn:
         return "torn: a load pulls at a piece that nothing holds"
-    stiff = states.column("force")[1] / states.column("factor")[1]
-    now = force_of(live, states)
+    stiff = states.rows[1]["force"] / states.rows[1]["factor"]
+    now, why = force_of(live, states), None
     if now <= limits.severed * stiff:
-        states.add(factor, live.u, live.intact)
-        return f"severed: {max(now, 0.0) / stiff:.1e} of the stiffness is left"
-    if limits.end[go].any():
-        states.add(factor, live.u, live.intact)
-        return "a bond in the region of the end broke"
-    return None
+        why = f"severed: {max(now, 0.0) / stiff:.1e} of the stiffness is left"
+    elif limits.end[go].any():
+        why = "a bond in the region of the end broke"
+    if why:
+        end = {"accepted": True, "critical": -1, **live.cost}
+        states.add(factor, live.u, live.intact, **end)
+    return why
 
 
 def force_of(live: Live, states: States) -> float:

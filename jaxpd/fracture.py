@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
+from jaxpd import io
 from jaxpd.breaking import Fracture, prepare_fracture
 from jaxpd.events import Limits, follow
 from jaxpd.geometry import Region
 from jaxpd.growth import Growth
 from jaxpd.live import DirectLive
+from jaxpd.live_iterative import METHODS, IterativeLive
+from jaxpd.prepare import prepare
+from jaxpd.progress import bar
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
-from jaxpd.softening import check_softening, soften
+from jaxpd.softening import Soft, check_softening, soften
 from jaxpd.states import States
+from jaxpd.steps import march
+
+#: States between checkpoints.
+EVERY = 50
+#: Relative differences of stretches that are round-off.
+TIES = 1e-7
+#: Unknowns up to which factors are worth their memory, in 1-D, 2-D and 3-D.
+DIRECT = {1: 10**7, 2: 100_000, 3: 15_000}
 
 
 @jax.jit
@@ -29,69 +43,231 @@ def _numbers(fracture: Fracture) -> Any:
 def solve_fracture(
     scene: Scene,
     *,
+    factors: Sequence[float] | float | None = None,
+    few: int | None = None,
+    ties: float | None = None,
     toughness: str | float = "nominal",
-    ties: float = 1e-7,
+    solver: str = "auto",
+    operator: str = "auto",
+    rtol: float = 1e-10,
+    maxiter: int = 2000,
     end: Region | None = None,
+    severed: float = 1e-6,
     max_factor: float = np.inf,
     max_states: int = 20_000,
-    severed: float = 1e-6,
     watch: Sequence[Region] = (),
     softening: float | None = None,
-    control: str = "dissipation",
-    factors: Sequence[float] | None = None,
     amount: float | None = None,
+    folder: str | Path | None = None,
+    progress: bool | None = None,
 ) -> Growth:
-    """Break a scene slowly, from one equilibrium to the next."""
+    """Break a scene slowly, from one equilibrium to the next.
+
+    Supports and loads of the scene are those at the load factor 1; all grow and fall
+    with one factor. Displacements are small, bonds break in tension alone and for good.
+
+    Args:
+        scene: what breaks, see `jaxpd.breaking.prepare_fracture`; `weak` and `no_fail`
+            say where.
+        factors: None follows the exact path from one breaking bond to the next, the
+            factor rising or falling as it must. Load factors, rising, take load steps;
+            a number takes steps of that share of the first breaking factor.
+        few: of load steps: how many bonds go in a pass; None is all above strength.
+        ties: relative distance from the most stretched within which bonds go together:
+            mirror images do. 0.01 to 0.05 saves events and moves G by about 1 %. None
+            is 1e-7, or 1000 rtol of an iterative solver where that is more: what it
+            cannot tell apart goes together.
+        toughness: "nominal", "lattice", or a ratio G / G0 that is divided out.
+        solver: "direct", a factorisation that is corrected bond by bond; or iterative:
+            "d-pcg", "multigrid", "amg", "spectral", "relaxation" (dynamic relaxation).
+            "auto" is direct up to a size.
+        operator: of iterative solvers, "gather", "stencil" or "fft".
+        rtol: tolerance of each residual of an iterative solver.
+        maxiter: most iterations of a solve. Where one fails, it goes on directly.
+        end: it ends when a bond with its middle in this region has gone.
+        severed: it ends when the stiffness has fallen to this share of the first.
+        max_factor: it ends there.
+        max_states: most states; a path that needs more is not done.
+        watch: regions whose mean displacements are kept.
+        softening: None breaks bonds at once. A ratio above 1 lets them soften on a
+            straight line between s_crit / sqrt(ratio) and s_crit sqrt(ratio), at the
+            same energy (`jaxpd.physics.Bilinear`); 10 is smooth on a weak plane. The
+            path is then that of Newton's method: without `factors` under control by
+            spent energy, snap-back included; `factors` control the load, a number is
+            the first rise over the factor at which softening begins.
+        amount: largest energy (J) that a step of softening spends under its own
+            control; None is 8 times that of a bond in the middle of all.
+        folder: keeps a checkpoint every 50 states, made if need be. A path that was
+            killed goes on from it; with "direct" to the same bits.
+        progress: a bar of the states, by tqdm; None shows it on a terminal.
+
+    Returns:
+        A `Growth`; call its `checked()` to be sure that it came to an end.
+
+    Raises:
+        ValueError: as `prepare_fracture`, on arguments out of range, or a folder of
+            another path.
+    """
     started = time.perf_counter()
-    check_softening(softening, control, factors, amount)
+    _check(factors, few, ties, solver, rtol, severed, max_states)
+    check_softening(softening, amount, solver, few, folder)
     fracture = prepare_fracture(scene, toughness)
     springs, s_crit = jax.tree.map(np.asarray, _numbers(fracture))
-    X = np.asarray(fracture.X)
-    fixed = np.asarray(fracture.fixed)
-    prescribed, load = (np.asarray(fracture.params[k]) for k in ("prescribed", "load"))
-    cut = np.asarray(fracture.cut)
+    X, fixed = np.asarray(fracture.X), np.asarray(fracture.fixed)
+    load, cut = np.asarray(fracture.params["load"]), np.asarray(fracture.cut)
+    if solver == "auto":
+        grid = fracture.problem.family.bulk.shape[0] > 0
+        small = X.size <= DIRECT[X.shape[1]]
+        solver = "direct" if small else "multigrid" if grid else "amg"
+    if ties is None:
+        ties = TIES if solver == "direct" else max(TIES, 1000.0 * rtol)
+    for region in watch:
+        if not region.contains(X).any():
+            raise ValueError(f"watch: no point lies in {region}")
+    seen = tuple(region.contains(X) for region in watch)
     middle = 0.5 * (X[springs.i] + X[springs.j])
     last = np.zeros(len(cut), bool) if end is None else end.contains(middle)
     limits = Limits(max_states, max_factor, last, severed)
-    seen = tuple(region.contains(X) for region in watch)
     if softening is not None:
-        return soften(
-            scene,
-            fracture,
-            (springs, s_crit),
-            limits,
-            seen,
-            softening=softening,
-            control=control,
-            factors=factors,
-            amount=amount,
-            started=started,
-        )
-    live = DirectLive(springs, fixed, prescribed, load, ~cut)
+        counter = bar(range(1, max_states), max_states, progress, "state")
+        how = Soft(softening, factors, amount, solver, lambda: next(counter, None))
+        return soften(scene, fracture, (springs, s_crit), limits, seen, how, started)
+    live: Any
+    if solver == "direct":
+        moved = np.asarray(fracture.params["prescribed"])
+        live = DirectLive(springs, fixed, moved, load, ~cut)
+    else:
+        live = _iterative(scene, springs, ~cut, solver, operator, rtol, maxiter)
     states = States(springs, fixed, load, cut, seen)
-    states.add(0.0, live.u, live.intact)
+    mark = "a slow fracture, "
+    how = (factors, few, ties, solver, severed, max_factor, watch)
+    mark += io.digest((fracture, last), *map(repr, how))
+    keep = Keeper(folder, mark, live, states)
     ready = time.perf_counter()
-    stopped = follow(live, states, s_crit, ties, limits, lambda: False)
+    counter = bar(range(len(states.rows), max_states), max_states, progress, "state")
+
+    def pause() -> bool:
+        next(counter, None)
+        keep.now()
+        return False
+
+    if keep.stopped:
+        stopped = keep.stopped
+    elif factors is None:
+        stopped = follow(live, states, s_crit, ties, limits, pause)
+    else:
+        stopped = march(live, states, s_crit, factors, few, ties, limits, pause)
     seconds = {"prepare": ready - started, "path": time.perf_counter() - ready}
+    return _growth(scene, fracture, live, states, stopped, seconds)
+
+
+class Keeper:
+    """Checkpoints of a path."""
+
+    def __init__(self, folder: str | Path | None, mark: str, live: Any, states: States):
+        """Take up what is in a folder, or begin at rest."""
+        self.live, self.states, self.mark = live, states, mark
+        self.file, self.stopped = None, ""
+        if folder is not None:
+            io.check_folder(folder).mkdir(exist_ok=True)
+            self.file = Path(folder) / "growth.npz"
+        states.add(0.0, live.u, live.intact, accepted=True, critical=-1, **live.cost)
+        self._next = EVERY
+        if self.file is not None and self.file.exists():
+            kept = io.load_state(self.file, self._pack(live.settle()), mark)
+            states.unpack(kept["states"])
+            live.restore(kept["live"])
+            self._next = len(states.rows) + EVERY
+
+    def _pack(self, live: Any) -> dict[str, Any]:
+        return {"states": self.states.pack(), "live": live}
+
+    def now(self) -> None:
+        """Write a checkpoint if it is time."""
+        if self.file is None or len(self.states.rows) < self._next:
+            return
+        self._next = len(self.states.rows) + EVERY
+        io.save_state(self.file, self._pack(self.live.settle()), self.mark)
+
+
+def _check(
+    factors: Any,
+    few: int | None,
+    ties: float | None,
+    solver: str,
+    rtol: float,
+    severed: float,
+    max_states: int,
+) -> None:
+    """Refuse arguments out of range."""
+    if factors is not None:
+        some = np.atleast_1d(np.asarray(factors, float))
+        rising = (np.diff(some, prepend=0.0) > 0).all()
+        if some.ndim != 1 or not len(some) or not rising:
+            raise ValueError(f"factors: {factors} must rise strictly, from above 0")
+    if few is not None and (factors is None or few < 1):
+        raise ValueError(f"few: {few} must be 1 or more, and is for load steps")
+    if ties is not None and not 0 < ties < 1:
+        raise ValueError(f"ties: {ties} must lie between 0 and 1; 1e-7 is round-off")
+    if solver not in ("auto", "direct", *METHODS):
+        raise ValueError(
+            f"solver: {solver!r} must be 'auto', 'direct' or one of {METHODS}"
+        )
+    for name, value in (("rtol", rtol), ("severed", severed)):
+        if not 0 < value < 1:
+            raise ValueError(f"{name}: {value} must lie between 0 and 1")
+    if max_states < 2:
+        raise ValueError(f"max_states: {max_states} must be 2 or more")
+
+
+def _iterative(
+    scene: Scene,
+    springs: Any,
+    intact: np.ndarray,
+    solver: str,
+    operator: str,
+    rtol: float,
+    maxiter: int,
+) -> IterativeLive:
+    law = getattr(scene.material, "law", scene.material)
+    whole = dataclasses.replace(
+        scene, material=law, cracks=(), no_fail=(), weak=(), kinematics="small"
+    )
+    method = "d-pcg" if solver == "relaxation" else solver
+    problem = prepare(whole, operator=operator, solver=method)
+    return IterativeLive(problem, springs, intact, solver, rtol, maxiter)
+
+
+def _growth(
+    scene: Scene,
+    fracture: Fracture,
+    live: Any,
+    states: States,
+    stopped: str,
+    seconds: dict[str, float],
+) -> Growth:
+    column = states.column
+    cost = {name: column(name) for name in live.cost}
     return Growth(
         scene=scene,
         fracture=fracture,
-        springs=springs,
-        factor=states.column("factor"),
-        force=states.column("force"),
-        accepted=np.ones(len(states.rows), bool),
+        springs=states.springs,
+        factor=column("factor"),
+        force=column("force"),
+        critical=column("critical").astype(int),
+        accepted=column("accepted").astype(bool),
         held=states.held,
         reaction=np.array(states.reactions),
         watched=np.array(states.watched),
-        stored=states.column("stored"),
-        work=states.column("work"),
-        released=states.column("released"),
-        bonds=states.column("bonds"),
+        stored=column("stored"),
+        work=column("work"),
+        released=column("released"),
+        bonds=column("bonds"),
         broken_at=states.broken_at,
         u=states.rows[-1]["factor"] * live.u,
         floppy=live.floppy,
-        cost={},
-        fallbacks={},
+        cost=cost,
+        fallbacks={"direct": int(live.cost.get("direct", 0))},
         stopped=stopped,
         done=not stopped.startswith("the limit"),
         seconds=seconds,

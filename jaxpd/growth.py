@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from jaxpd._types import PointVector
 from jaxpd.breaking import Fracture, piece_labels
 from jaxpd.geometry import Region
 from jaxpd.operators.springs import Springs
+from jaxpd.retrace import Retrace
 from jaxpd.scene import Scene
 from jaxpd.soft_replay import SoftReplay, replay_of
 from jaxpd.soft_states import Softened
@@ -38,6 +39,8 @@ class Growth:
         factor: load factor [F] (-).
         force: work of the factor's growth by 1 [F] (J): reactions times prescribed
             displacements, and loads times displacements, those at the factor 1.
+        critical: bond that stands at its strength in each state [F]; -1 where none
+            does.
         accepted: states in which no bond stands above its strength [F]; the others are
             passes on the way to one, at the same factor.
         held: numbers of the supported points [q].
@@ -68,6 +71,7 @@ class Growth:
     springs: Springs
     factor: np.ndarray
     force: np.ndarray
+    critical: np.ndarray
     accepted: np.ndarray
     held: np.ndarray
     reaction: np.ndarray
@@ -128,7 +132,7 @@ class Growth:
         would give beyond the work of the quasi-static path, and motion takes.
         """
         found, states = [], self.envelope
-        for a, b in zip(states[:-1], states[1:], strict=True):
+        for a, b in itertools.pairwise(states):
             if b == a + 1:
                 continue
             # held at the factor of a, the body would go straight down to the state b
@@ -195,6 +199,26 @@ class Growth:
         """Number of the state with the largest load factor."""
         return int(np.argmax(np.where(self.accepted, self.factor, -np.inf)))
 
+    def replay(self, kept: Any = None) -> Retrace | SoftReplay:
+        """States as one differentiable function of the parameters.
+
+        Args:
+            kept: their numbers; by default those of the envelope, all after rest where
+                bonds soften.
+
+        Raises:
+            ValueError: on a state at rest, or one that does not exist.
+        """
+        if self.softened is not None:
+            return replay_of(self.fracture, self.softened, self.factor, kept)
+        numbers = self.envelope[1:] if kept is None else np.atleast_1d(kept)
+        numbers = np.array([range(len(self.factor))[int(k)] for k in numbers])
+        if not len(numbers) or not (self.factor[numbers] > 0).all():
+            raise ValueError(f"kept: {kept} must name states under load")
+        gone = self.broken_at[None] <= numbers[:, None]
+        at = (self.critical[numbers], self.factor[numbers])
+        return Retrace(self.fracture, gone, *at)
+
     def checked(self) -> Growth:
         """This, if it came to an end that was asked for.
 
@@ -207,19 +231,6 @@ class Growth:
                 f"{self.factor[-1]:.6g}: {self.stopped}"
             )
         return self
-
-    def replay(self, kept: Sequence[int] | None = None) -> SoftReplay:
-        """The path of softening bonds as a pure function of the parameters.
-
-        Args:
-            kept: numbers of the states to look at, all but rest by default.
-
-        Raises:
-            ValueError: if bonds do not soften, or on numbers that are no states.
-        """
-        if self.softened is None:
-            raise ValueError("softening: None is brittle; give a ratio, 10 for one")
-        return replay_of(self.fracture, self.softened, self.factor, kept)
 
     def write(self, folder: str | Path) -> list[Path]:
         """A VTU file of the last state, and a .pvd that names it; needs meshio."""

@@ -40,6 +40,14 @@ class Live(Protocol):
         """Take springs away, and follow with u."""
         ...
 
+    def settle(self) -> dict[str, Any]:
+        """Forget how it came here: what is left to keep, for `restore`."""
+        ...
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Go on from what `settle` gave."""
+        ...
+
 
 class DirectLive:
     """`Live` by a sparse factorisation and its rank-one corrections."""
@@ -84,6 +92,18 @@ class DirectLive:
             "solves": inverse.solves,
             "iterations": 0,
         }
+
+    def settle(self) -> dict[str, Any]:
+        """Factorise anew; pins, and which points are floppy."""
+        self._anew()
+        pins = np.array([*self.inverse.pins.items()]).reshape(-1, 2)
+        return {"pins": pins, "floppy": self.floppy, "intact": self.intact.copy()}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Go on from what `settle` gave, to the same bits."""
+        self.inverse.pins = {int(entry): float(k) for entry, k in kept["pins"]}
+        self.floppy, self.intact = kept["floppy"], kept["intact"]
+        self._anew()
 
     def _stiffness(self) -> sp.csr_array:
         B = self._B[self.intact]

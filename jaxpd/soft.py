@@ -19,14 +19,16 @@ Host only.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.operators.soft_springs import GHOST
 from jaxpd.operators.springs import Springs
 from jaxpd.physics.bilinear import Bilinear
-from jaxpd.soft_tangent import SoftTangent
+from jaxpd.soft_tangent import KrylovTangent, SoftTangent
 from jaxpd.solvers.downdate import Singular
 
 Floats = NDArray[np.floating]
@@ -37,8 +39,6 @@ RTOL, MISS = 1e-10, 1e-8
 ITERATIONS, CUTS = 25, 6
 #: Relative distance within which a stretch is at its limit.
 NEAR = 1e-9
-#: Stiffness of broken springs in the tangent, over that at first: no force comes of it.
-GHOST = 1e-10
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ class SoftBody:
         prescribed: Floats,
         load: Floats,
         intact: NDArray[np.bool_],
+        solver: str = "direct",
     ):
         """At rest.
 
@@ -97,6 +98,7 @@ class SoftBody:
             prescribed: their displacements at the load factor 1 [n, d] (m).
             load: forces at the load factor 1 [n, d] (N).
             intact: which springs are there [b].
+            solver: of the tangent, "direct" or "d-pcg".
         """
         n = len(fixed)
         self.springs, self.fixed, self.load = springs, fixed, load.ravel()
@@ -113,7 +115,12 @@ class SoftBody:
         self._K, self._B = K, B[self.soft]
         self._free = np.flatnonzero(~fixed.ravel())
         inner, across = K[self._free][:, self._free], self._B[:, self._free]
-        self.tangent = SoftTangent(inner.tocsr(), across.tocsr())
+        parts = inner.tocsr(), across.tocsr()
+        if solver == "direct":
+            self.tangent = SoftTangent(*parts)
+        else:
+            there = dataclasses.replace(springs, k=np.where(intact, springs.k, 0.0))
+            self.tangent = KrylovTangent(*parts, there, self.soft, fixed)
         self.u, self.factor = np.zeros(fixed.size), 0.0
         self.h, self.scale = np.zeros(len(self.soft)), 0.0
 

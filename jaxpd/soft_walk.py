@@ -13,13 +13,14 @@ Under control by load the factor is prescribed. Where Newton's method fails,
     relaxed       damped motion at the held factor, its memory committed at rest
 
 and each is counted, of every state and of the path. "refined" counts the steps that
-were halved although they converged: the trapezoid of work missed too much. Host only.
+were halved although they converged, as the trapezoid of work missed too much; "direct"
+the linear solves of an iterative solver that turned to factors. Host only.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,13 +36,11 @@ from jaxpd.solvers.downdate import Singular
 WANTED = 7
 #: Halvings of a step, one after the other, before it counts as hopeless.
 HALVINGS = {"energy": 12, "factor": 4}
-#: First step of a rising load, over the factor at which softening begins.
-RISE = 0.05
 #: What the trapezoid of work may miss in a step, over the work so far, and how often a
 #: step is halved for it.
 DRIFT, REFINED = 2e-4, 5
 #: Ways out that are counted.
-WAYS = ("line search", "halved", "dissipation", "relaxed", "refined")
+WAYS = ("line search", "halved", "dissipation", "relaxed", "refined", "direct")
 
 
 @dataclass
@@ -54,6 +53,7 @@ class SoftWalk:
         limits: where to end.
         amount: energy of a step to begin with (J).
         most: largest energy of a step (J).
+        pause: called after each state.
         fallbacks: how often each way out was needed.
     """
 
@@ -62,6 +62,7 @@ class SoftWalk:
     limits: Limits
     amount: float
     most: float
+    pause: Callable[[], object] = lambda: None
     fallbacks: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WAYS, 0))
     _row: dict[str, Any] = field(default_factory=dict)
     _first: float = 0.0
@@ -91,12 +92,15 @@ class SoftWalk:
             self._count("line search")
         broken = states.rows[-1]["broken"]
         body.commit(trial)
+        for _ in range(body.tangent.turned - self.fallbacks["direct"]):
+            self._count("direct")
         inverse = body.tangent.inverse
-        more = {"iterations": trial.iterations, "solves": inverse.solves}
+        more: dict[str, float] = {"iterations": trial.iterations, "solves": inverse.solves}
         more["factorisations"] = inverse.factorisations
         more["seconds"] = time.perf_counter() - self._began
         states.add(damped=damped, **more, **self._row)
         self._row = {}
+        self.pause()
         row = states.rows[-1]
         if body.factor:
             stiff = row["force"] / body.factor
@@ -203,8 +207,11 @@ class SoftWalk:
                     return why
         return f"load factor {factors[-1]:.6g} reached"
 
-    def by_rising_load(self) -> str:
+    def by_rising_load(self, rise: float) -> str:
         """Raise the load from the first softening on, in steps that suit it.
+
+        Args:
+            rise: first step, over the factor at which softening begins.
 
         Returns:
             Why the path ended.
@@ -213,7 +220,7 @@ class SoftWalk:
         if trial is None:
             return "severed: no bond that may break is stretched"
         why = self._keep(trial.scaled(min(trial.factor, self.limits.factor)))
-        first = rise = RISE * self.body.factor
+        first = rise = rise * self.body.factor
         while why is None:
             start, ways = self.body.factor, dict(self.fallbacks)
             why = self._towards(min(start + rise, self.limits.factor))

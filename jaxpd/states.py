@@ -104,8 +104,30 @@ class States:
         self._last = (here, reaction, tension, intact.copy())
 
     def column(self, name: str) -> Floats:
-        """One number of every state [F]."""
-        return np.array([row[name] for row in self.rows])
+        """One number of every state [F], 0 where it was not kept."""
+        return np.array([row.get(name, 0.0) for row in self.rows])
+
+    def pack(self) -> dict[str, Any]:
+        """Everything, as arrays, for a file."""
+        names = sorted({name for row in self.rows for name in row})
+        return {
+            "names": np.array(names),
+            "rows": np.array([[r.get(k, np.nan) for k in names] for r in self.rows]),
+            "reactions": np.array(self.reactions),
+            "watched": np.array(self.watched),
+            "broken_at": self.broken_at,
+            "last": self._last,
+        }
+
+    def unpack(self, kept: dict[str, Any]) -> None:
+        """Take up what `pack` gave."""
+        names = [str(name) for name in kept["names"]]
+        self.rows = [
+            {k: float(x) for k, x in zip(names, row, strict=True) if not np.isnan(x)}
+            for row in kept["rows"]
+        ]
+        self.reactions, self.watched = list(kept["reactions"]), list(kept["watched"])
+        self.broken_at, self._last = kept["broken_at"], tuple(kept["last"])
 
 
 #: Number of a state that never comes.

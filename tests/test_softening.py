@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import jaxpd
 from jaxpd import soft_walk
 from jaxpd.events import Limits
 from jaxpd.operators.springs import Springs

@@ -7,6 +7,13 @@ to be.
 """
 
 from jaxpd.gallery.fracture import FRACTURE_SAFETY, branching_plate, kalthoff_winkler
+from jaxpd.gallery.handbook import (
+    beam_compliance,
+    beam_force,
+    bent_beam_K,
+    compact_tension_K,
+    edge_notch_K,
+)
 from jaxpd.gallery.kernels import (
     bar_exact,
     cantilever,
@@ -47,6 +54,17 @@ from jaxpd.gallery.plate import (
     RATIOS,
     cracked_plate,
 )
+from jaxpd.gallery.slow import (
+    bent_beam,
+    breaking_plate,
+    compact_tension,
+    double_cantilever,
+    end_of,
+    l_panel,
+    notch_of,
+    notched_plate,
+    sheared_plate,
+)
 from jaxpd.gallery.waves import (
     PRINTED_ENERGY,
     PRINTED_TRANSMITTED,
@@ -76,17 +94,30 @@ __all__ = [
     "YOON_MODULUS",
     "bar_exact",
     "bar_wave",
+    "beam_compliance",
+    "beam_force",
+    "bent_beam",
+    "bent_beam_K",
     "branching_plate",
+    "breaking_plate",
     "cantilever",
     "cantilever_exact",
+    "compact_tension",
+    "compact_tension_K",
     "cook_panel",
     "cracked_plate",
+    "double_cantilever",
+    "edge_notch_K",
+    "end_of",
     "gaussian_wave",
     "kalthoff_winkler",
     "kernel_bar",
     "kirsch_exact",
     "kirsch_stress",
+    "l_panel",
     "l_shape",
+    "notch_of",
+    "notched_plate",
     "patch",
     "patch_exact",
     "patch_stress",
@@ -96,5 +127,6 @@ __all__ = [
     "plate_under_tension",
     "plate_with_hole",
     "pressed_ring",
+    "sheared_plate",
     "struck_laminate",
 ]

@@ -12,7 +12,7 @@ host's, on JAX's traced and differentiable.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 
-from jaxpd._types import PointVector, namespace
+from jaxpd._types import PointTensor, PointVector, namespace
 from jaxpd.operators.bonds import BondForce
 from jaxpd.physics.bond import bond_block
 
@@ -90,3 +90,79 @@ def springs_of(bonds: BondForce, slot: Any, i: Any) -> Springs:
     blocks = jax.vmap(bond_block, (axes, 0, 0, None))(law, xi, 0.0 * xi, "ad")
     stiff = bonds.weight[slot, i] * jnp.trace(blocks, axis1=1, axis2=2)
     return Springs(i, j, xi / length[:, None], length, stiff)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class SpringTangent:
+    """Stiffness of springs.
+
+    Attributes:
+        springs: all of them.
+        k: stiffness of each [b] (N/m), 0 of those that are gone.
+        count: number of points.
+    """
+
+    springs: Springs
+    k: Any
+    count: int = field(metadata={"static": True})
+
+    symmetric = True
+
+    def mv(self, du: PointVector) -> PointVector:
+        """K du [n, d] (N)."""
+        return -self.springs.force(self.k * self.springs.elongation(du), self.count)
+
+    def diagonal(self) -> PointTensor:
+        """Block diagonal of K [n, d, d] (N/m), exact."""
+        s, d = self.springs, self.springs.n.shape[1]
+        blocks = self.k[:, None, None] * s.n[:, :, None] * s.n[:, None, :]
+        total = jnp.zeros((self.count, d, d), blocks.dtype)
+        return total.at[s.i].add(blocks).at[s.j].add(blocks)
+
+    def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Rows, columns [4 b] and blocks of K; duplicates add up."""
+        s = self.springs
+        blocks = self.k[:, None, None] * s.n[:, :, None] * s.n[:, None, :]
+        rows, columns = (
+            jnp.concatenate([s.i, s.j, a, b]) for a, b in ((s.i, s.j), (s.j, s.i))
+        )
+        return rows, columns, jnp.concatenate([blocks, blocks, -blocks, -blocks])
+
+    def to_bsr(self) -> sp.bsr_matrix:
+        """K as a SciPy BSR matrix; on the host, of NumPy arrays."""
+        live = np.flatnonzero(self.k)
+        B = self.springs.differences(self.count)[live]
+        K = sp.csr_matrix(B.T @ B.multiply(np.asarray(self.k)[live, None]))
+        d = self.springs.n.shape[1]
+        return sp.bsr_matrix(K, blocksize=(d, d))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class SpringForce:
+    """Linear forces of springs, of which some are gone.
+
+    Attributes:
+        springs: all of them.
+        share: of the stiffness of each that is left [b] (-).
+        count: number of points.
+    """
+
+    springs: Springs
+    share: Any
+    count: int = field(metadata={"static": True})
+
+    unit, linear, symmetric = "N", True, True
+
+    def respond(self, u: PointVector, history: Any = None) -> PointVector:
+        """Internal force -K u [n, d] (N)."""
+        return -self.tangent(u).mv(u)
+
+    def tangent(self, u: PointVector, history: Any = None) -> SpringTangent:
+        """K, whatever u."""
+        return SpringTangent(self.springs, self.share * self.springs.k, self.count)
+
+    def exact(self) -> SpringForce:
+        """Itself: K is its derivative."""
+        return self
