@@ -95,7 +95,10 @@ class SoftWalk:
         for _ in range(body.tangent.turned - self.fallbacks["direct"]):
             self._count("direct")
         inverse = body.tangent.inverse
-        more: dict[str, float] = {"iterations": trial.iterations, "solves": inverse.solves}
+        more: dict[str, float] = {
+            "iterations": trial.iterations,
+            "solves": inverse.solves,
+        }
         more["factorisations"] = inverse.factorisations
         more["seconds"] = time.perf_counter() - self._began
         states.add(damped=damped, **more, **self._row)
