@@ -149,9 +149,9 @@ class SoftBody:
         return 0.5 * float(u @ (self._K @ u)) + 0.5 * float(soft.sum())
 
     def drift(self, trial: Trial) -> float:
-        """What the trapezoid of work misses of the energies (J) on the way to a trial.
+        """What the trapezoid of work misses on the way to a trial (-).
 
-        Zero where all is linear between.
+        A share of the energies that change; zero where all is linear between.
         """
         s, h = self.stretch(self.u), np.maximum(self.h, trial.stretch)
         old = self.inner(self.u, s, self.h), self.stored(self.u, s, self.h)
@@ -160,7 +160,9 @@ class SoftBody:
         du, mean = trial.u - self.u, 0.5 * (self.factor + trial.factor)
         force = np.where(held, 0.5 * (old[0] + new), mean * self.load)
         gain = self.stored(trial.u, trial.stretch, h) - old[1]
-        return float(force @ du) - gain - (self.spent(h) - self.spent(self.h))
+        gone = self.spent(h) - self.spent(self.h)
+        change = abs(gain) + gone
+        return abs(float(force @ du) - gain - gone) / change if change else 0.0
 
     def gone(self) -> NDArray[np.bool_]:
         """Which springs have nothing left of their force [b]."""

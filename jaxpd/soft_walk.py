@@ -36,9 +36,9 @@ from jaxpd.solvers.downdate import Singular
 WANTED = 7
 #: Halvings of a step, one after the other, before it counts as hopeless.
 HALVINGS = {"energy": 12, "factor": 4}
-#: What the trapezoid of work may miss in a step, over the work so far, and how often a
-#: step is halved for it.
-DRIFT, REFINED = 2e-4, 5
+#: What the trapezoid of work may miss in a step, over the energies that change, and how
+#: often a step is halved for it.
+DRIFT, REFINED = 2e-3, 5
 #: Ways out that are counted.
 WAYS = ("line search", "halved", "dissipation", "relaxed", "refined", "direct")
 
@@ -177,7 +177,7 @@ class SoftWalk:
             short = amount >= left * (1.0 - NEAR)
             trial = self.body.step(left if short else amount, "energy")
             if trial is not None:
-                drift = self._drift(trial)
+                drift = self.body.drift(trial) / DRIFT
                 if drift <= 1.0 or finer == REFINED:
                     grown = amount * self._suits(trial, drift)
                     self.amount = max(grown, self.amount) if short else grown
@@ -186,11 +186,6 @@ class SoftWalk:
             self._count("halved" if trial is None else "refined")
             amount = 0.5 * min(amount, left)
         return None
-
-    def _drift(self, trial: Trial) -> float:
-        """What the work of a step misses, over what it may miss."""
-        work = max(abs(self.states.rows[-1]["work"]), NEAR * self._first)
-        return abs(self.body.drift(trial)) / (DRIFT * work) if work else 0.0
 
     def _suits(self, trial: Trial, drift: float) -> float:
         """How much longer the next step should be."""
@@ -242,7 +237,7 @@ class SoftWalk:
             part = 0.5 ** (failed + finer)
             trial = body.step(start + (target - start) * part, "factor")
             if trial is not None:
-                drift = self._drift(trial)
+                drift = self.body.drift(trial) / DRIFT
                 if drift <= 1.0 or finer == REFINED:
                     self._suited = self._suits(trial, drift)
                     return self._keep(trial)

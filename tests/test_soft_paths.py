@@ -86,8 +86,8 @@ def energies(growth):
 
 
 @pytest.mark.slow
-def test_load_control_and_conjugate_gradients_find_the_same_path(split):
-    scene, end, growth = split
+def test_load_control_finds_the_same_path(split):
+    scene, _, growth = split
     rising = growth.envelope[2:]
     other = jaxpd.solve_fracture(scene, softening=10.0, factors=growth.factor[rising])
     at = at_factors(other.checked(), growth.factor[rising])
@@ -95,9 +95,18 @@ def test_load_control_and_conjugate_gradients_find_the_same_path(split):
         known = getattr(growth, name)[rising]
         got = getattr(other, name)[at]
         np.testing.assert_allclose(got, known, rtol=1e-3, atol=1e-3 * known.max())
-    other = jaxpd.solve_fracture(scene, softening=10.0, end=end, solver="d-pcg")
+
+
+@pytest.mark.slow
+def test_conjugate_gradients_find_the_same_path(small):
+    scene, asked, growth = small
+    more = {"softening": 10.0, "factors": asked}
+    other = jaxpd.solve_fracture(scene, solver="d-pcg", **more).checked()
     np.testing.assert_allclose(other.factor, growth.factor, rtol=1e-5)
     np.testing.assert_allclose(other.force, growth.force, rtol=1e-5)
+    # it turned to factors where curvature was negative, and said how often
+    assert other.fallbacks["direct"] == other.cost["direct"].sum()
+    assert growth.fallbacks["direct"] == 0
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +116,7 @@ def small():
     first = jaxpd.solve_fracture(scene, softening=10.0, max_states=12)
     asked = first.factor[1] * np.linspace(0.75, 6.0, 8)
     growth = jaxpd.solve_fracture(scene, softening=10.0, factors=asked).checked()
-    assert 2 < np.argmax(growth.force) < len(growth.force) - 5
+    assert 2 < np.argmax(growth.force) < len(growth.force) - 2
     return scene, asked, growth
 
 
