@@ -190,3 +190,21 @@ def test_settings_that_mean_nothing_are_refused():
     ):
         with pytest.raises(ValueError, match=words):
             jaxpd.solve_fracture(scene, **wrong)
+
+
+@pytest.mark.slow
+def test_derivatives_in_fields_of_stiffness_and_strength_and_in_the_kernel(small):
+    _, asked, growth = small
+    replay = growth.replay([at_factors(growth, asked)[3]])
+    n = len(growth.X)
+    at = dict(jax.tree.map(jnp.asarray, replay.params))
+    at |= {"E": jnp.full(n, at["E"]), "G0": jnp.full(n, at["G0"])}
+    still = jax.tree.map(jnp.zeros_like, at)
+    wave = 1.0 + 0.3 * jnp.sin(jnp.asarray(growth.X[:, 0]))
+    ways = {name: still | {name: at[name] * wave} for name in ("E", "G0")}
+    ways["alpha"] = still | {"alpha": jnp.ones_like(at["alpha"])}
+    steps = 5e-3 * 0.5 ** np.arange(7)
+    found = gradcheck.taylor(force, at, ways, replay, steps=steps)
+    for name, taylor in found.items():
+        assert abs(taylor.slope - 2.0) < 0.05, (name, str(taylor))
+        assert taylor.derivative != 0.0
