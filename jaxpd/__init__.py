@@ -4,9 +4,9 @@ The rooms, in the order in which data walks through them: `geometry`, `physics`,
 `discretize`, `operators`, `solvers`; then the front desk: `laminate`, `scene`,
 `gallery`, `prepare` and `run` for statics,
 `path` for load steps with a memory, `motion`, `launch` and `explicit` for
-motion, `io`, `plot`; and what looks back: `audit`, `crack_path`, `gradcheck`,
-`observe`, `inverse`, `descent`, `fitting`, `uncertainty`, `resample`. Importing does
-nothing; statics needs 64-bit floats, which the user turns on:
+motion, `io`, `plot`; and what looks back: `audit`, `crack_path`, `growth_measures`,
+`gradcheck`, `observe`, `inverse`, `descent`, `fitting`, `uncertainty`, `resample`.
+Importing does nothing; statics needs 64-bit floats, which the user turns on:
 
     jax.config.update("jax_enable_x64", True)
 """
@@ -18,6 +18,7 @@ from jaxpd import (
     gallery,
     geometry,
     gradcheck,
+    growth_measures,
     inverse,
     observe,
     operators,
@@ -123,6 +124,7 @@ __all__ = [
     "gaussian",
     "geometry",
     "gradcheck",
+    "growth_measures",
     "holds",
     "initially",
     "interlayer",

@@ -47,6 +47,8 @@ def solve_fracture(
     few: int | None = None,
     ties: float | None = None,
     toughness: str | float = "nominal",
+    softening: float | None = None,
+    amount: float | None = None,
     solver: str = "auto",
     operator: str = "auto",
     rtol: float = 1e-10,
@@ -56,8 +58,6 @@ def solve_fracture(
     max_factor: float = np.inf,
     max_states: int = 20_000,
     watch: Sequence[Region] = (),
-    softening: float | None = None,
-    amount: float | None = None,
     folder: str | Path | None = None,
     progress: bool | None = None,
 ) -> Growth:
@@ -78,9 +78,17 @@ def solve_fracture(
             is 1e-7, or 1000 rtol of an iterative solver where that is more: what it
             cannot tell apart goes together.
         toughness: "nominal", "lattice", or a ratio G / G0 that is divided out.
+        softening: None is brittle. A ratio above 1 lets bonds soften in a straight line
+            instead, from the stretch s_crit / ratio^(1/2) to s_crit ratio^(1/2) with
+            the same energy; 10 and a weak plane make G that of the lattice. The path is
+            then controlled by the energy that is spent, snap-back included; with
+            `factors` by load steps, and what else they need (`Growth.fallbacks`).
+        amount: of softening: largest energy that a step spends (J); None is 8 times
+            that of the middle one of the bonds.
         solver: "direct", a factorisation that is corrected bond by bond; or iterative:
             "d-pcg", "multigrid", "amg", "spectral", "relaxation" (dynamic relaxation).
-            "auto" is direct up to a size.
+            "auto" is direct up to a size. Of softening bonds "direct" or "d-pcg", which
+            turns to the factors where curvature is negative.
         operator: of iterative solvers, "gather", "stencil" or "fft".
         rtol: tolerance of each residual of an iterative solver.
         maxiter: most iterations of a solve. Where one fails, it goes on directly.
@@ -89,14 +97,6 @@ def solve_fracture(
         max_factor: it ends there.
         max_states: most states; a path that needs more is not done.
         watch: regions whose mean displacements are kept.
-        softening: None breaks bonds at once. A ratio above 1 lets them soften on a
-            straight line between s_crit / sqrt(ratio) and s_crit sqrt(ratio), at the
-            same energy (`jaxpd.physics.Bilinear`); 10 is smooth on a weak plane. The
-            path is then that of Newton's method: without `factors` under control by
-            spent energy, snap-back included; `factors` control the load, a number is
-            the first rise over the factor at which softening begins.
-        amount: largest energy (J) that a step of softening spends under its own
-            control; None is 8 times that of a bond in the middle of all.
         folder: keeps a checkpoint every 50 states, made if need be. A path that was
             killed goes on from it; with "direct" to the same bits.
         progress: a bar of the states, by tqdm; None shows it on a terminal.
@@ -109,8 +109,9 @@ def solve_fracture(
             another path.
     """
     started = time.perf_counter()
-    _check(factors, few, ties, solver, rtol, severed, max_states)
-    check_softening(softening, amount, solver, few, folder)
+    _check(factors, softening, few, ties, solver, rtol, severed, max_states)
+    brittle = {"few": few, "ties": ties, "folder": folder}
+    check_softening(softening, amount, solver, brittle)
     fracture = prepare_fracture(scene, toughness)
     springs, s_crit = jax.tree.map(np.asarray, _numbers(fracture))
     X, fixed = np.asarray(fracture.X), np.asarray(fracture.fixed)
@@ -124,14 +125,14 @@ def solve_fracture(
     for region in watch:
         if not region.contains(X).any():
             raise ValueError(f"watch: no point lies in {region}")
-    seen = tuple(region.contains(X) for region in watch)
     middle = 0.5 * (X[springs.i] + X[springs.j])
     last = np.zeros(len(cut), bool) if end is None else end.contains(middle)
     limits = Limits(max_states, max_factor, last, severed)
+    seen = tuple(region.contains(X) for region in watch)
     if softening is not None:
         counter = bar(range(1, max_states), max_states, progress, "state")
-        how = Soft(softening, factors, amount, solver, lambda: next(counter, None))
-        return soften(scene, fracture, (springs, s_crit), limits, seen, how, started)
+        soft = Soft(softening, factors, amount, solver, lambda: next(counter, None))
+        return soften(scene, fracture, (springs, s_crit), limits, seen, soft, started)
     live: Any
     if solver == "direct":
         moved = np.asarray(fracture.params["prescribed"])
@@ -192,6 +193,7 @@ class Keeper:
 
 def _check(
     factors: Any,
+    softening: float | None,
     few: int | None,
     ties: float | None,
     solver: str,
@@ -203,7 +205,9 @@ def _check(
     if factors is not None:
         some = np.atleast_1d(np.asarray(factors, float))
         rising = (np.diff(some, prepend=0.0) > 0).all()
-        if some.ndim != 1 or not len(some) or not rising:
+        # softening bonds unload and load again
+        good = np.isfinite(some).all() and (rising or softening is not None)
+        if some.ndim != 1 or not len(some) or not good:
             raise ValueError(f"factors: {factors} must rise strictly, from above 0")
     if few is not None and (factors is None or few < 1):
         raise ValueError(f"few: {few} must be 1 or more, and is for load steps")
@@ -247,7 +251,8 @@ def _growth(
     seconds: dict[str, float],
 ) -> Growth:
     column = states.column
-    cost = {name: column(name) for name in live.cost}
+    names = ("solves", "iterations", "factorisations", "seconds")
+    cost = {name: np.diff(column(name), prepend=0.0) for name in names}
     return Growth(
         scene=scene,
         fracture=fracture,

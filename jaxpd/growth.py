@@ -203,8 +203,8 @@ class Growth:
         """States as one differentiable function of the parameters.
 
         Args:
-            kept: their numbers; by default those of the envelope, all after rest where
-                bonds soften.
+            kept: their numbers; by default those of the envelope, of softening bonds
+                all but rest.
 
         Raises:
             ValueError: on a state at rest, or one that does not exist.

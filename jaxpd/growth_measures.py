@@ -6,8 +6,8 @@ factor 1, where every state is the factor f times that,
 
     G = f^2 |dU/da|      of supports that move (U falls) and of loads alone (U grows),
 
-which is P^2 / 2 dC/da in both cases, per thickness. Curves and growth are of one lattice,
-so that surface effects and the compliance of grips drop out. Host only.
+which is P^2 / 2 dC/da in both cases, per thickness. Curves and growth are of one
+lattice, so that surface effects and the compliance of grips drop out. Host only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from jaxpd.geometry import Crack
+from jaxpd.gallery import beam_compliance, beam_force, notch_of
+from jaxpd.geometry import Crack, segment
 from jaxpd.growth import Growth
 from jaxpd.live import DirectLive
 
@@ -32,7 +33,7 @@ class Compliance:
     """Energy of a body with straight cracks, by length.
 
     Attributes:
-        a: lengths [k] (m), growing.
+        a: lengths [k] (m), positive and growing.
         energy: at the load factor 1 [k] (J).
     """
 
@@ -51,12 +52,15 @@ class Compliance:
 
     def energy_at(self, a: Any) -> Any:
         """Energy at the load factor 1 (J) of cracks of length a (m)."""
-        return np.exp(CubicSpline(self.a, np.log(self.energy))(a))
+        return np.exp(self._curve()(np.log(a)))
 
     def slope_at(self, a: Any) -> Any:
         """|dU/da| (J/m): the release rate at the load factor 1."""
-        slope = CubicSpline(self.a, np.log(self.energy))(a, 1)
-        return np.abs(slope) * self.energy_at(a)
+        return np.abs(self._curve()(np.log(a), 1)) * self.energy_at(a) / a
+
+    def _curve(self) -> CubicSpline:
+        """Logarithm of the energy over that of the length: a power is a line."""
+        return CubicSpline(np.log(self.a), np.log(self.energy))
 
     def length_of(self, energy: Any) -> Any:
         """Length (m) of the straight crack of that energy; nan beyond the curve."""
@@ -171,3 +175,50 @@ def toughness(
         envelope=float(high.mean()),
         spread=(float(high.min()), float(high.max())),
     )
+
+
+def cantilever_figures(growth: Growth, skip: int = 3) -> dict[str, Any]:
+    """Figures of a run of `jaxpd.gallery.double_cantilever`, each to compare with 1.
+
+    Crack lengths count from the end of the beam to the edge between two columns. The
+    line of load is half a column inside, and a crack of the lattice acts as if about
+    that much longer: both left out, beams fit to 2 %.
+
+    Args:
+        growth: a run over at least 8 columns; of the last ones, near the far end, more
+            is left out.
+        skip: columns left out at the notch and at the end of the run.
+
+    Returns:
+        "compliance" over the beam's, least and most; "dissipated", "bonds", "envelope"
+        as in `Toughness`; "force" over the beam's at G0 and equal opening, mean of the
+        highest state of each column; and "toughness", "opening" [F] (m), "P" [F] (N/m).
+    """
+    scene, X = growth.scene, growth.X
+    body: Any = scene.body
+    (L, H), h = body.hi, scene.resolution.dx
+    E, G0, a0 = scene.material.E, scene.material.G0, notch_of(scene)
+    arm = scene.supports[0]
+    half: Any = arm.components[1]
+    given = 2.0 * half
+    pulled = arm.region.contains(X[growth.held])
+    P = growth.reaction[:, pulled, 1].sum(axis=1)
+    opening = growth.factor * given
+    grown = growth.places()[:, 0].max() - a0
+    most = min(round(grown / h), round((L - H - a0) / h))
+    lengths = a0 + h * np.arange(0, most + 6, 3)
+    curve = straight_cuts(growth, segment((0.0, 0.0), (L, 0.0)), lengths)
+    window = (a0 + skip * h, a0 + (most - skip) * h)
+    found = toughness(growth, curve, G0, h, window)
+    ratio = given**2 / (2.0 * curve.energy) / beam_compliance(lengths, H, E)
+    over = P[found.peaks] / beam_force(opening[found.peaks], H, E, G0)
+    return {
+        "compliance": (float(ratio.min()), float(ratio.max())),
+        "dissipated": found.dissipated,
+        "bonds": found.bonds,
+        "envelope": found.envelope,
+        "force": float(over.mean()),
+        "toughness": found,
+        "opening": opening,
+        "P": P,
+    }

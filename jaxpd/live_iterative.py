@@ -31,7 +31,7 @@ from jaxpd.solvers.status import Status
 
 #: Iterations over those after the last set-up that ask for a new one, and how few do
 #: not matter.
-WORSE, FEW = 1.5, 20
+WORSE, FEW = 1.8, 10
 #: Places of the list of lost springs to begin with; it doubles, and compiles anew.
 ROOM = 1024
 METHODS = ("d-pcg", "multigrid", "amg", "spectral", "relaxation")
@@ -137,7 +137,6 @@ class IterativeLive:
             maxiter: most iterations of a solve.
         """
         self.problem, self.springs, self.method = problem, springs, method
-        self.intact = np.ones(len(intact), bool)
         self.u = np.zeros(problem.X.shape)
         self.torn, self.floppy = False, np.zeros(len(self.u), bool)
         self._limits = (rtol, maxiter)
@@ -156,7 +155,11 @@ class IterativeLive:
             "solves": 0,
             "iterations": 0,
         }
-        self.lose(np.flatnonzero(~intact))
+        self.intact = intact.copy()
+        self._lost = np.flatnonzero(~intact)
+        if len(self._lost):
+            self._renew()  # one that knows the cracks of the scene
+        self.lose(np.zeros(0, np.int64))
 
     def _gone(self) -> SpringTangent:
         """The lost springs, padded to a power of two."""
@@ -193,7 +196,7 @@ class IterativeLive:
     def restore(self, kept: dict[str, Any]) -> None:
         """Go on from what `settle` gave; to the tolerance, not to the bit."""
         self.u = kept["u"]
-        self.lose(np.flatnonzero(~kept["intact"]))
+        self.lose(np.flatnonzero(self.intact & ~kept["intact"]))
 
     def _go(self) -> tuple[int, bool]:
         K = Less(self._whole, self._gone())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +35,7 @@ class Soft:
         factors: load factors, in their order; a number raises the load from the first
             softening on, by that share at first; None is control by spent energy.
         amount: largest energy that a step under control by energy spends (J).
-        solver: "direct", "auto" or "d-pcg".
+        solver: "d-pcg" iterates; any other is direct.
         pause: called after each state.
     """
 
@@ -50,10 +50,15 @@ def check_softening(
     softening: float | None,
     amount: float | None,
     solver: str,
-    few: int | None,
-    folder: object,
+    brittle: Mapping[str, object],
 ) -> None:
     """Refuse settings that mean nothing to a softening path.
+
+    Args:
+        softening: the ratio, or None.
+        amount: largest energy of a step (J), or None.
+        solver: of the tangent.
+        brittle: what only brittle bonds know, by name, None where it was not given.
 
     Raises:
         ValueError: naming the argument, its value and the cure.
@@ -67,7 +72,7 @@ def check_softening(
         raise ValueError(f"amount: {amount} must be a positive energy (J), or None")
     if solver not in SOLVERS:
         raise ValueError(f"solver: {solver!r} must be one of {SOLVERS} with softening")
-    for name, value in (("few", few), ("folder", folder)):
+    for name, value in brittle.items():
         if value is not None:
             raise ValueError(f"{name}: {value} is for brittle bonds; leave it out")
 
@@ -96,7 +101,7 @@ def soften(
     fixed, cut = np.asarray(fracture.fixed), np.asarray(fracture.cut)
     prescribed, load = (np.asarray(fracture.params[k]) for k in ("prescribed", "load"))
     law = Bilinear(None, s_crit, float(how.ratio))
-    solver = "direct" if how.solver == "auto" else how.solver
+    solver = "d-pcg" if how.solver == "d-pcg" else "direct"
     body = SoftBody(springs, law, fixed, prescribed, load, ~cut, solver)
     states = SoftStates(body, watch)
     largest = (

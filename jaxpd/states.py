@@ -14,6 +14,7 @@ over springs, work of the fading tension plus what the spring held.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -49,6 +50,7 @@ class States:
     watched: list[Floats] = field(default_factory=list)
     broken_at: Any = None
     _last: Any = None
+    _began: float = field(default_factory=time.perf_counter)
 
     def __post_init__(self):
         """Find the supported points."""
@@ -78,6 +80,7 @@ class States:
             "released": 0.0,
             "bonds": 0.0,
             "broken": 0.0,
+            "seconds": time.perf_counter() - self._began,
         }
         # conjugate to the factor: what its growth by 1 would do of work
         row["force"] = float(
@@ -128,6 +131,7 @@ class States:
         ]
         self.reactions, self.watched = list(kept["reactions"]), list(kept["watched"])
         self.broken_at, self._last = kept["broken_at"], tuple(kept["last"])
+        self._began = time.perf_counter() - self.rows[-1]["seconds"]
 
 
 #: Number of a state that never comes.

@@ -56,15 +56,12 @@ from jaxpd.gallery.plate import (
 )
 from jaxpd.gallery.slow import (
     bent_beam,
-    breaking_plate,
     compact_tension,
     double_cantilever,
-    end_of,
-    l_panel,
     notch_of,
     notched_plate,
-    sheared_plate,
 )
+from jaxpd.gallery.slow_paths import breaking_plate, end_of, l_panel, sheared_plate
 from jaxpd.gallery.waves import (
     PRINTED_ENERGY,
     PRINTED_TRANSMITTED,

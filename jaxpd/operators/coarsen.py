@@ -111,14 +111,12 @@ def irregular(lattice: LatticeTangent, move: Transfer) -> list[Sparse]:
     lost = sp.csr_array(P0[i] - P0[j])
     found = []
     for p in range(parts.shape[1]):
-        new = live.T @ sp.csr_array(sp.diags_array(parts[q, p]) @ live) if len(a) else 0
-        old = (
-            before.T @ sp.csr_array(sp.diags_array(parts[q, p]) @ before)
-            if len(a)
-            else 0
-        )
-        cut = lost.T @ sp.csr_array(sp.diags_array(parts[s, p]) @ lost) if len(i) else 0
-        found.append(new - old - cut)
+        # a lattice without cracks has nothing irregular, and no rows here
+        mine, theirs = sp.diags_array(parts[q, p]), sp.diags_array(parts[s, p])
+        new = live.T @ sp.csr_array(mine @ live)
+        old = before.T @ sp.csr_array(mine @ before)
+        cut = lost.T @ sp.csr_array(theirs @ lost)
+        found.append(sp.csr_array(new - old - cut))
     return found
 
 

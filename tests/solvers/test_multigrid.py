@@ -142,3 +142,22 @@ def test_compiled_code_is_kept(tmp_path):
     finally:
         for name, value in before.items():
             jax.config.update(name, value)
+
+
+def test_a_plate_without_cracks_has_coarse_levels_too():
+    """Nothing irregular in the lattice, and three levels: counts as with a crack."""
+    counts = []
+    for cracks in ((), [jaxpd.segment((-0.15, 0.0), (0.15, 0.0))]):
+        scene = jaxpd.Scene(
+            body=jaxpd.box((-0.5, -0.5), (0.5, 0.5)),
+            material=jaxpd.Elastic(1.0, nu=1 / 3, state="plane stress"),
+            supports=[jaxpd.holds(jaxpd.below(y=-0.5))],
+            loads=[jaxpd.pull(jaxpd.above(y=0.45), x=1.0, y=1.0)],
+            cracks=cracks,
+            resolution=jaxpd.Bonds(dx=1 / 80, m=3),
+            kinematics="small",
+        )
+        solution = jaxpd.solve_static(scene, solver="multigrid", rtol=1e-8).checked()
+        assert len(solution.problem.linear.hierarchy.levels) >= 2
+        counts.append(int(solution.linear_iterations[0]))
+    assert max(counts) <= 15
