@@ -22,7 +22,7 @@ from jaxpd.prepare import prepare
 from jaxpd.progress import bar
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
-from jaxpd.softening import check_softening, soften
+from jaxpd.softening import Soft, check_softening, soften
 from jaxpd.states import States
 from jaxpd.steps import march
 
@@ -83,10 +83,12 @@ def solve_fracture(
             the same energy; 10 and a weak plane make G that of the lattice. The path is
             then controlled by the energy that is spent, snap-back included; with
             `factors` by load steps, and what else they need (`Growth.fallbacks`).
-        amount: of softening: largest energy that a step spends (J).
+        amount: of softening: largest energy that a step spends (J); None is 8 times
+            that of the middle one of the bonds.
         solver: "direct", a factorisation that is corrected bond by bond; or iterative:
             "d-pcg", "multigrid", "amg", "spectral", "relaxation" (dynamic relaxation).
-            "auto" is direct up to a size.
+            "auto" is direct up to a size. Of softening bonds "direct" or "d-pcg", which
+            turns to the factors where curvature is negative.
         operator: of iterative solvers, "gather", "stencil" or "fft".
         rtol: tolerance of each residual of an iterative solver.
         maxiter: most iterations of a solve. Where one fails, it goes on directly.
@@ -108,7 +110,8 @@ def solve_fracture(
     """
     started = time.perf_counter()
     _check(factors, softening, few, ties, solver, rtol, severed, max_states)
-    check_softening(softening, amount, (few, ties, folder), solver)
+    brittle = {"few": few, "ties": ties, "folder": folder}
+    check_softening(softening, amount, solver, brittle)
     fracture = prepare_fracture(scene, toughness)
     springs, s_crit = jax.tree.map(np.asarray, _numbers(fracture))
     X, fixed = np.asarray(fracture.X), np.asarray(fracture.fixed)
@@ -127,9 +130,9 @@ def solve_fracture(
     limits = Limits(max_states, max_factor, last, severed)
     seen = tuple(region.contains(X) for region in watch)
     if softening is not None:
-        numbers = (springs, s_crit)
-        how_: Any = {"softening": softening, "factors": factors, "amount": amount}
-        return soften(scene, fracture, numbers, limits, seen, started=started, **how_)
+        counter = bar(range(1, max_states), max_states, progress, "state")
+        soft = Soft(softening, factors, amount, solver, lambda: next(counter, None))
+        return soften(scene, fracture, (springs, s_crit), limits, seen, soft, started)
     live: Any
     if solver == "direct":
         moved = np.asarray(fracture.params["prescribed"])

@@ -19,14 +19,16 @@ Host only.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.operators.soft_springs import GHOST
 from jaxpd.operators.springs import Springs
 from jaxpd.physics.bilinear import Bilinear
-from jaxpd.soft_tangent import SoftTangent
+from jaxpd.soft_tangent import KrylovTangent, SoftTangent
 from jaxpd.solvers.downdate import Singular
 
 Floats = NDArray[np.floating]
@@ -37,8 +39,6 @@ RTOL, MISS = 1e-10, 1e-8
 ITERATIONS, CUTS = 25, 6
 #: Relative distance within which a stretch is at its limit.
 NEAR = 1e-9
-#: Stiffness of broken springs in the tangent, over that at first: no force comes of it.
-GHOST = 1e-10
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ class SoftBody:
         prescribed: Floats,
         load: Floats,
         intact: NDArray[np.bool_],
+        solver: str = "direct",
     ):
         """At rest.
 
@@ -97,6 +98,7 @@ class SoftBody:
             prescribed: their displacements at the load factor 1 [n, d] (m).
             load: forces at the load factor 1 [n, d] (N).
             intact: which springs are there [b].
+            solver: of the tangent, "direct" or "d-pcg".
         """
         n = len(fixed)
         self.springs, self.fixed, self.load = springs, fixed, load.ravel()
@@ -113,7 +115,12 @@ class SoftBody:
         self._K, self._B = K, B[self.soft]
         self._free = np.flatnonzero(~fixed.ravel())
         inner, across = K[self._free][:, self._free], self._B[:, self._free]
-        self.tangent = SoftTangent(inner.tocsr(), across.tocsr())
+        parts = inner.tocsr(), across.tocsr()
+        if solver == "direct":
+            self.tangent = SoftTangent(*parts)
+        else:
+            there = dataclasses.replace(springs, k=np.where(intact, springs.k, 0.0))
+            self.tangent = KrylovTangent(*parts, there, self.soft, fixed)
         self.u, self.factor = np.zeros(fixed.size), 0.0
         self.h, self.scale = np.zeros(len(self.soft)), 0.0
 
@@ -142,9 +149,9 @@ class SoftBody:
         return 0.5 * float(u @ (self._K @ u)) + 0.5 * float(soft.sum())
 
     def drift(self, trial: Trial) -> float:
-        """What the trapezoid of work misses of the energies (J) on the way to a trial.
+        """What the trapezoid of work misses on the way to a trial (-).
 
-        Zero where all is linear between.
+        A share of the energies that change; zero where all is linear between.
         """
         s, h = self.stretch(self.u), np.maximum(self.h, trial.stretch)
         old = self.inner(self.u, s, self.h), self.stored(self.u, s, self.h)
@@ -153,7 +160,9 @@ class SoftBody:
         du, mean = trial.u - self.u, 0.5 * (self.factor + trial.factor)
         force = np.where(held, 0.5 * (old[0] + new), mean * self.load)
         gain = self.stored(trial.u, trial.stretch, h) - old[1]
-        return float(force @ du) - gain - (self.spent(h) - self.spent(self.h))
+        gone = self.spent(h) - self.spent(self.h)
+        change = abs(gain) + gone
+        return abs(float(force @ du) - gain - gone) / change if change else 0.0
 
     def gone(self) -> NDArray[np.bool_]:
         """Which springs have nothing left of their force [b]."""

@@ -104,7 +104,7 @@ class SoftReplay:
     def operator(self, params: Params) -> SoftSprings:
         """The springs of the given parameters, untouched. Pure."""
         springs = self.fracture.springs(params)
-        k = jnp.where(self.fracture.cut, 0.0, springs.k)
+        k: Any = jnp.where(self.fracture.cut, 0.0, springs.k)
         springs = dataclasses.replace(springs, k=k)
         law = Bilinear(None, self.fracture.critical(params), self.ratio)
         return SoftSprings(springs, law, jnp.zeros_like(k))
@@ -161,7 +161,7 @@ def solve_again(replay: SoftReplay, params: Params) -> tuple[SoftFrames, NewtonI
         u, info = equilibrium(NEWTON, operator, constraints, load, linear, start, floor)
         h = operator.advance(u)
         operator = operator.after(h)
-        pulled = jnp.where(fixed, -(operator.respond(u) + load), 0.0)
+        pulled: Any = jnp.where(fixed, -(operator.respond(u) + load), 0.0)
         frame = SoftFrames(
             u=u,
             reaction=pulled,

@@ -13,13 +13,14 @@ Under control by load the factor is prescribed. Where Newton's method fails,
     relaxed       damped motion at the held factor, its memory committed at rest
 
 and each is counted, of every state and of the path. "refined" counts the steps that
-were halved although they converged: the trapezoid of work missed too much. Host only.
+were halved although they converged, as the trapezoid of work missed too much; "direct"
+the linear solves of an iterative solver that turned to factors. Host only.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,11 +36,11 @@ from jaxpd.solvers.downdate import Singular
 WANTED = 7
 #: Halvings of a step, one after the other, before it counts as hopeless.
 HALVINGS = {"energy": 12, "factor": 4}
-#: What the trapezoid of work may miss in a step, over the work so far, and how often a
-#: step is halved for it.
-DRIFT, REFINED = 2e-4, 5
+#: What the trapezoid of work may miss in a step, over the energies that change, and how
+#: often a step is halved for it.
+DRIFT, REFINED = 2e-3, 5
 #: Ways out that are counted.
-WAYS = ("line search", "halved", "dissipation", "relaxed", "refined")
+WAYS = ("line search", "halved", "dissipation", "relaxed", "refined", "direct")
 
 
 @dataclass
@@ -52,6 +53,7 @@ class SoftWalk:
         limits: where to end.
         amount: energy of a step to begin with (J).
         most: largest energy of a step (J).
+        pause: called after each state.
         fallbacks: how often each way out was needed.
     """
 
@@ -60,6 +62,7 @@ class SoftWalk:
     limits: Limits
     amount: float
     most: float
+    pause: Callable[[], object] = lambda: None
     fallbacks: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WAYS, 0))
     _row: dict[str, Any] = field(default_factory=dict)
     _first: float = 0.0
@@ -89,12 +92,18 @@ class SoftWalk:
             self._count("line search")
         broken = states.rows[-1]["broken"]
         body.commit(trial)
+        for _ in range(body.tangent.turned - self.fallbacks["direct"]):
+            self._count("direct")
         inverse = body.tangent.inverse
-        more = {"iterations": trial.iterations, "solves": inverse.solves}
+        more: dict[str, float] = {
+            "iterations": trial.iterations,
+            "solves": inverse.solves,
+        }
         more["factorisations"] = inverse.factorisations
         more["seconds"] = time.perf_counter() - self._began
         states.add(damped=damped, **more, **self._row)
         self._row = {}
+        self.pause()
         row = states.rows[-1]
         if body.factor:
             stiff = row["force"] / body.factor
@@ -168,7 +177,7 @@ class SoftWalk:
             short = amount >= left * (1.0 - NEAR)
             trial = self.body.step(left if short else amount, "energy")
             if trial is not None:
-                drift = self._drift(trial)
+                drift = self.body.drift(trial) / DRIFT
                 if drift <= 1.0 or finer == REFINED:
                     grown = amount * self._suits(trial, drift)
                     self.amount = max(grown, self.amount) if short else grown
@@ -177,11 +186,6 @@ class SoftWalk:
             self._count("halved" if trial is None else "refined")
             amount = 0.5 * min(amount, left)
         return None
-
-    def _drift(self, trial: Trial) -> float:
-        """What the work of a step misses, over what it may miss."""
-        work = max(abs(self.states.rows[-1]["work"]), NEAR * self._first)
-        return abs(self.body.drift(trial)) / (DRIFT * work) if work else 0.0
 
     def _suits(self, trial: Trial, drift: float) -> float:
         """How much longer the next step should be."""
@@ -201,11 +205,11 @@ class SoftWalk:
                     return why
         return f"load factor {factors[-1]:.6g} reached"
 
-    def by_rising_load(self, share: float) -> str:
+    def by_rising_load(self, rise: float) -> str:
         """Raise the load from the first softening on, in steps that suit it.
 
         Args:
-            share: first step over the factor at which softening begins.
+            rise: first step, over the factor at which softening begins.
 
         Returns:
             Why the path ended.
@@ -214,7 +218,7 @@ class SoftWalk:
         if trial is None:
             return "severed: no bond that may break is stretched"
         why = self._keep(trial.scaled(min(trial.factor, self.limits.factor)))
-        first = rise = share * self.body.factor
+        first = rise = rise * self.body.factor
         while why is None:
             start, ways = self.body.factor, dict(self.fallbacks)
             why = self._towards(min(start + rise, self.limits.factor))
@@ -233,7 +237,7 @@ class SoftWalk:
             part = 0.5 ** (failed + finer)
             trial = body.step(start + (target - start) * part, "factor")
             if trial is not None:
-                drift = self._drift(trial)
+                drift = self.body.drift(trial) / DRIFT
                 if drift <= 1.0 or finer == REFINED:
                     self._suited = self._suits(trial, drift)
                     return self._keep(trial)

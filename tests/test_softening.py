@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxpd
 from jaxpd import soft_walk
 from jaxpd.events import Limits
 from jaxpd.operators.springs import Springs
@@ -185,3 +186,37 @@ def test_relaxation_finds_the_state_beyond_a_snap_back():
     # damping took what the spring had stored beyond the bond's own
     assert row["released"] == pytest.approx(row["work"], rel=1e-12)
     assert row["released"] > 2 * row["bonds"]
+
+
+def test_a_bilinear_bond_works_in_explicit_runs():
+    law = Bilinear(Microelastic(2.0, Constant()), 0.01, RATIO)
+    bar = jaxpd.Scene(
+        body=jaxpd.box((0.0,), (1.0,)),
+        material=jaxpd.Solid(law, rho=1.0),
+        supports=[
+            jaxpd.moves(jaxpd.below(x=0.1), x=0.0),
+            jaxpd.moves(jaxpd.above(x=0.9), x=0.03, time=jaxpd.ramp(20.0)),
+        ],
+        resolution=jaxpd.Bonds(dx=0.05, m=2, nodes="cell"),
+    )
+    run = jaxpd.run_explicit(bar, 20.0, safety=0.03, records=10).checked()
+    assert run.released[-1] > 0
+    assert (np.diff(run.released) >= 0).all()
+    assert 0 < run.damage().max() <= 1
+    assert np.abs(run.balance).max() < 1e-2
+
+
+def test_a_bond_that_unloads_keeps_its_damage():
+    body = row([(0, 1, 1.0, 0.01), (1, 2, 10.0, np.inf)])
+    path = walk(body)
+    assert path.by_load([0.01, 0.002, 0.012]).endswith("reached")
+    f, pull = path.states.column("factor"), np.array(path.states.reactions)[:, 1, 0]
+    e = f - pull / 10.0
+    at = [int(np.argmin(np.abs(f - x))) for x in (0.01, 0.002, 0.012)]
+    out, back, on = at
+    k = pull[out] / e[out]
+    assert pull[back] == pytest.approx(k * e[back], rel=1e-9)
+    assert pull[on] == pytest.approx(scalar().tension(e[on], e[on]), rel=1e-9)
+    bonds = path.states.column("bonds")
+    assert bonds[back] == pytest.approx(bonds[out], rel=1e-12)
+    assert bonds[on] > bonds[back]
