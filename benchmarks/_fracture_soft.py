@@ -9,8 +9,8 @@ from _report import Report
 
 import jaxpd
 from jaxpd import gallery
+from jaxpd.fracture.measures import cantilever_figures
 from jaxpd.geometry import box
-from jaxpd.growth_measures import cantilever_figures
 
 
 def beam(m: int, columns: int, **how: Any) -> tuple[Any, Any]:

@@ -24,8 +24,8 @@ from _report import Report, is_quick
 
 import jaxpd
 from jaxpd import gallery, plot
+from jaxpd.fracture.measures import cantilever_figures, straight_cuts, toughness
 from jaxpd.geometry import box, segment
-from jaxpd.growth_measures import cantilever_figures, straight_cuts, toughness
 
 jax.config.update("jax_enable_x64", True)
 

@@ -4,7 +4,7 @@ The rooms, in the order in which data walks through them: `geometry`, `physics`,
 `discretize`, `operators`, `solvers`; then the front desk: `laminate`, `scene`,
 `gallery`, `prepare` and `run` for statics,
 `path` for load steps with a memory, `motion`, `launch` and `explicit` for
-motion, `io`, `plot`; and what looks back: `audit`, `crack_path`, `growth_measures`,
+motion, `fracture` for slow fracture, `io`, `plot`; and what looks back: `audit`, `crack_path`,
 `gradcheck`, `observe`, `inverse`, `descent`, `fitting`, `uncertainty`, `resample`.
 Importing does nothing; statics needs 64-bit floats, which the user turns on:
 
@@ -15,10 +15,10 @@ from jaxpd import (
     crack_path,
     discretize,
     fitting,
+    fracture,
     gallery,
     geometry,
     gradcheck,
-    growth_measures,
     inverse,
     observe,
     operators,
@@ -41,7 +41,7 @@ from jaxpd.conditions import (
 )
 from jaxpd.explicit import run_explicit
 from jaxpd.fitting import Fit, fit
-from jaxpd.fracture import solve_fracture
+from jaxpd.fracture import Fracture, Growth, Trapping, solve_fracture, trapping
 from jaxpd.galerkin import GalerkinProblem
 from jaxpd.geometry import (
     above,
@@ -56,7 +56,6 @@ from jaxpd.geometry import (
     segment,
     union,
 )
-from jaxpd.growth import Growth
 from jaxpd.laminate import Interlayer, Laminate, adhesive, interlayer, laminate
 from jaxpd.launch import prepare_motion
 from jaxpd.motion import Motion
@@ -73,7 +72,6 @@ from jaxpd.scene import Elastic, Scene, Solid
 from jaxpd.schedule import Table, ramp, table
 from jaxpd.solvers.status import NotConverged, Status
 from jaxpd.stack import Stack
-from jaxpd.trapping import Trapping, trapping
 
 __version__ = "0.1.0"
 
@@ -85,6 +83,7 @@ __all__ = [
     "Diverged",
     "Elastic",
     "Fit",
+    "Fracture",
     "GalerkinProblem",
     "Growth",
     "Interlayer",
@@ -119,12 +118,12 @@ __all__ = [
     "fit",
     "fitting",
     "fractional",
+    "fracture",
     "from_points",
     "gallery",
     "gaussian",
     "geometry",
     "gradcheck",
-    "growth_measures",
     "holds",
     "initially",
     "interlayer",

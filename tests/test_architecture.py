@@ -16,12 +16,10 @@ ROOMS = [
     "solvers", "schedule", "course", "conditions", "laminate", "resolution", "scene",
     "gallery", "body", "assembly", "model", "problem", "plies", "glue", "stack",
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
-    "cuts", "breaking", "launch", "run", "audit", "progress", "io", "live",
-    "live_iterative", "states", "events", "steps", "retrace", "soft_tangent", "soft",
-    "soft_rest", "soft_states", "soft_walk", "soft_replay", "growth", "softening",
-    "fracture", "growth_measures", "trapping", "replay", "walk", "path", "record",
-    "explicit", "relaxed", "crack_path", "plot", "gradcheck", "observe", "inverse",
-    "descent", "fitting", "uncertainty", "resample", "__init__", "__main__",
+    "cuts", "launch", "run", "audit", "progress", "io", "fracture", "replay", "walk",
+    "path", "record", "explicit", "relaxed", "crack_path", "plot", "gradcheck",
+    "observe", "inverse", "descent", "fitting", "uncertainty", "resample", "__init__",
+    "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))
 EXTRAS = {"matplotlib", "meshio", "tqdm"}

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import jaxpd
-from jaxpd.breaking import Fracture, prepare_fracture
+from jaxpd.fracture.breaking import Fracture, prepare_fracture
+from jaxpd.fracture.growth import Unfinished
+from jaxpd.fracture.live import DirectLive
 from jaxpd.gradcheck import taylor
-from jaxpd.growth import Unfinished
-from jaxpd.live import DirectLive
 from jaxpd.operators import BondTangent
 from jaxpd.operators.springs import SpringForce
 from jaxpd.physics import pmb

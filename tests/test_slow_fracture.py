@@ -8,15 +8,15 @@ import pytest
 
 import jaxpd
 from jaxpd import gallery
-from jaxpd.breaking import prepare_fracture
 from jaxpd.discretize.bulk import toughness_ratio
-from jaxpd.geometry import box, segment
-from jaxpd.growth_measures import (
+from jaxpd.fracture.breaking import prepare_fracture
+from jaxpd.fracture.measures import (
     Compliance,
     cantilever_figures,
     straight_cuts,
     toughness,
 )
+from jaxpd.geometry import box, segment
 
 KC = np.sqrt(72e9 * 3.8)  # of the glass of the gallery
 slow = pytest.mark.slow

@@ -9,9 +9,9 @@ import pytest
 
 import jaxpd
 from jaxpd import gradcheck
-from jaxpd.breaking import prepare_fracture
+from jaxpd.fracture.breaking import prepare_fracture
+from jaxpd.fracture.measures import straight_cuts, toughness
 from jaxpd.gallery.slow import double_cantilever
-from jaxpd.growth_measures import straight_cuts, toughness
 from jaxpd.inverse import positive
 from jaxpd.observe import observation
 

@@ -7,14 +7,14 @@ import pytest
 
 import jaxpd
 from jaxpd import soft_walk
-from jaxpd.events import Limits
+from jaxpd.fracture.events import Limits
+from jaxpd.fracture.soft import SoftBody
+from jaxpd.fracture.soft_rest import relaxed
+from jaxpd.fracture.soft_states import SoftStates
+from jaxpd.fracture.soft_walk import SoftWalk
 from jaxpd.operators.springs import Springs
 from jaxpd.physics import Bilinear, Microelastic, bond_energy
 from jaxpd.physics.influence import Constant
-from jaxpd.soft import SoftBody
-from jaxpd.soft_rest import relaxed
-from jaxpd.soft_states import SoftStates
-from jaxpd.soft_walk import SoftWalk
 
 RATIO = 4.0
 

@@ -6,7 +6,7 @@ what it held is gone too: the lattice traps the crack. At a horizon of three spa
 that is some 20 %, at six 4 %, and the load that makes the crack move is higher still.
 
 Here both are measured, on a long strip between rigid grips with the lattice, the kernel
-and the shares of a scene, along the exact path (`jaxpd.events`) while the crack grows
+and the shares of a scene, along the exact path (`events`) while the crack grows
 steadily. Strength scales with the square root of the fracture energy and nothing else
 does, so a ratio that was measured can be divided out: `solve_fracture(scene,
 toughness=ratio)`.
@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxpd.breaking import prepare_fracture
 from jaxpd.conditions import moves
-from jaxpd.fracture import solve_fracture
+from jaxpd.fracture.breaking import prepare_fracture
+from jaxpd.fracture.solve import solve_fracture
 from jaxpd.geometry import box, segment
 from jaxpd.scene import Elastic, Scene
 

@@ -12,14 +12,14 @@ import numpy as np
 
 from jaxpd import io
 from jaxpd._types import PointVector
-from jaxpd.breaking import Fracture, piece_labels
+from jaxpd.fracture.breaking import Fracture, piece_labels
+from jaxpd.fracture.retrace import Retrace
+from jaxpd.fracture.soft_replay import SoftReplay, replay_of
+from jaxpd.fracture.soft_states import Softened
+from jaxpd.fracture.states import NEVER
 from jaxpd.geometry import Region
 from jaxpd.operators.springs import Springs
-from jaxpd.retrace import Retrace
 from jaxpd.scene import Scene
-from jaxpd.soft_replay import SoftReplay, replay_of
-from jaxpd.soft_states import Softened
-from jaxpd.states import NEVER
 
 
 class Unfinished(RuntimeError):
@@ -31,7 +31,7 @@ class Growth:
     """States in equilibrium of a body that breaks slowly; leading axis [F].
 
     The first state is at rest. Between two states the bonds that go fade in proportion
-    to the way; see `jaxpd.states` for what that makes of work and release.
+    to the way; see `jaxpd.fracture.states` for what that makes of work and release.
 
     Attributes:
         scene: what broke.
@@ -52,7 +52,7 @@ class Growth:
         released: lost with bonds [F] (J): what they held, and what their loss frees.
         bonds: what the broken bonds held when they went [F] (J).
         broken_at: state from which on each bond is gone [b]: -1 by the scene's cracks,
-            F of those whose loss tore a piece off, `jaxpd.states.NEVER` if it stands.
+            F of those whose loss tore a piece off, `states.NEVER` if it stands.
         u: displacements in the last state [n, d] (m).
         floppy: points that could move without any force [n]: pieces that came off, and
             hinges. They are held so that no force arises; where they are means nothing.

@@ -1,6 +1,6 @@
 """The path of softening bonds again, as one pure function of the parameters.
 
-The path that was found (`jaxpd.soft_walk`) fixes the load factors. Taken again in one
+The path that was found (`soft_walk`) fixes the load factors. Taken again in one
 trace the states are differentiable in whatever the springs and their strength depend
 on: each by the implicit rule, and from state to state through the memory. Newton's
 method begins at the displacements that were found. At a limit point of the load there
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd.assembly import Params, Spec
-from jaxpd.breaking import Fracture
+from jaxpd.fracture.breaking import Fracture
 from jaxpd.operators.constraints import Constraints
 from jaxpd.operators.soft_springs import SoftSprings
 from jaxpd.physics.bilinear import Bilinear

@@ -1,4 +1,4 @@
-"""What is kept of a path of springs that soften; beside `jaxpd.states`.
+"""What is kept of a path of springs that soften; beside `jaxpd.fracture.states`.
 
     work      of supports (R_t + R_t+1) / 2 . dU, of loads (f_t + f_t+1) / 2 load . du
     stored    share k e^2 / 2 of all springs, exactly
@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.fracture.soft import SoftBody
+from jaxpd.fracture.states import NEVER
 from jaxpd.operators.springs import Springs
 from jaxpd.physics.bilinear import Bilinear
-from jaxpd.soft import SoftBody
-from jaxpd.states import NEVER
 
 Floats = NDArray[np.floating]
 

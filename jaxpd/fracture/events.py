@@ -4,7 +4,7 @@ Springs are linear, so the load factor at which the most stretched bond stands a
 critical stretch follows from one solution. That bond goes, with those that tie with it,
 and the next factor may be higher or lower: snap-back and snap-through are followed as
 they are. The monotone envelope, what a testing machine sees, is the running maximum of
-the factor (`jaxpd.growth`).
+the factor (`jaxpd.fracture.growth`).
 
 Mirror images tie: broken one by one they put cracks of symmetric bodies off their
 plane.
@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxpd.live import Live
-from jaxpd.states import NEVER, States
+from jaxpd.fracture.live import Live
+from jaxpd.fracture.states import NEVER, States
 
 #: Stretch over the critical one, of what was there at first, that is nothing.
 SLACK = 1e-9

@@ -12,19 +12,19 @@ import jax
 import numpy as np
 
 from jaxpd import io
-from jaxpd.breaking import Fracture, prepare_fracture
-from jaxpd.events import Limits, follow
+from jaxpd.fracture.breaking import Fracture, prepare_fracture
+from jaxpd.fracture.events import Limits, follow
+from jaxpd.fracture.growth import Growth
+from jaxpd.fracture.live import DirectLive
+from jaxpd.fracture.live_iterative import METHODS, IterativeLive
+from jaxpd.fracture.softening import Soft, check_softening, soften
+from jaxpd.fracture.states import States
+from jaxpd.fracture.steps import march
 from jaxpd.geometry import Region
-from jaxpd.growth import Growth
-from jaxpd.live import DirectLive
-from jaxpd.live_iterative import METHODS, IterativeLive
 from jaxpd.prepare import prepare
 from jaxpd.progress import bar
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
-from jaxpd.softening import Soft, check_softening, soften
-from jaxpd.states import States
-from jaxpd.steps import march
 
 #: States between checkpoints.
 EVERY = 50
@@ -67,8 +67,7 @@ def solve_fracture(
     with one factor. Displacements are small, bonds break in tension alone and for good.
 
     Args:
-        scene: what breaks, see `jaxpd.breaking.prepare_fracture`; `weak` and `no_fail`
-            say where.
+        scene: what breaks, see `prepare_fracture`; `weak` and `no_fail` say where.
         factors: None follows the exact path from one breaking bond to the next, the
             factor rising or falling as it must. Load factors, rising, take load steps;
             a number takes steps of that share of the first breaking factor.

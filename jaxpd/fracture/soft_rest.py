@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxpd.soft import SoftBody, Trial
+from jaxpd.fracture.soft import SoftBody, Trial
 
 #: Fictitious masses over the least that a unit step is stable with.
 SPARE = 1.1

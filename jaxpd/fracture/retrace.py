@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpd.assembly import Params, Spec
-from jaxpd.breaking import Fracture
+from jaxpd.fracture.breaking import Fracture
 from jaxpd.operators import Constraints
 from jaxpd.operators.springs import SpringForce
 from jaxpd.solvers.implicit import equilibrium
@@ -38,7 +38,7 @@ class Traced:
 
     Attributes:
         factor: load factor [F].
-        force: work of its growth by 1 [F] (J), see `jaxpd.growth.Growth`.
+        force: work of its growth by 1 [F] (J), see `jaxpd.fracture.growth.Growth`.
         u: displacements [F, n, d] (m).
         reaction: forces of the supports on the body [F, n, d] (N).
         stretch: of the most stretched bonds over the critical one [F] (-): 1 in states

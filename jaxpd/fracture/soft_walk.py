@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.events import Limits
-from jaxpd.soft import NEAR, SoftBody, Trial
-from jaxpd.soft_rest import relaxed
-from jaxpd.soft_states import SoftStates
+from jaxpd.fracture.events import Limits
+from jaxpd.fracture.soft import NEAR, SoftBody, Trial
+from jaxpd.fracture.soft_rest import relaxed
+from jaxpd.fracture.soft_states import SoftStates
 from jaxpd.solvers.downdate import Singular
 
 #: Iterations of a step that is neither too long nor too short.

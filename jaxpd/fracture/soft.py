@@ -25,10 +25,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.fracture.soft_tangent import KrylovTangent, SoftTangent
 from jaxpd.operators.soft_springs import GHOST
 from jaxpd.operators.springs import Springs
 from jaxpd.physics.bilinear import Bilinear
-from jaxpd.soft_tangent import KrylovTangent, SoftTangent
 from jaxpd.solvers.downdate import Singular
 
 Floats = NDArray[np.floating]

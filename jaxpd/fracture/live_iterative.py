@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpd._types import PointTensor, PointVector
+from jaxpd.fracture.live import DirectLive
 from jaxpd.geometry import GridFamily
-from jaxpd.live import DirectLive
 from jaxpd.operators import Constraints
 from jaxpd.operators.springs import Springs, SpringTangent
 from jaxpd.problem import Problem, first_tangent
@@ -115,7 +115,7 @@ def _solve(K, constraints, load, u, cycle, rtol, maxiter):
 
 
 class IterativeLive:
-    """`jaxpd.live.Live` by preconditioned conjugate gradients, or relaxation."""
+    """`Live` by preconditioned conjugate gradients, or by relaxation."""
 
     def __init__(
         self,

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxpd.breaking import Fracture
-from jaxpd.events import Limits
-from jaxpd.growth import Growth
+from jaxpd.fracture.breaking import Fracture
+from jaxpd.fracture.events import Limits
+from jaxpd.fracture.growth import Growth
+from jaxpd.fracture.soft import SoftBody
+from jaxpd.fracture.soft_states import SoftStates
+from jaxpd.fracture.soft_walk import WAYS, SoftWalk
 from jaxpd.operators.springs import Springs
 from jaxpd.physics.bilinear import Bilinear, checked_ratio
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
-from jaxpd.soft import SoftBody
-from jaxpd.soft_states import SoftStates
-from jaxpd.soft_walk import WAYS, SoftWalk
 
 #: Linear solvers of the tangent; "auto" is direct.
 SOLVERS = ("auto", "direct", "d-pcg")

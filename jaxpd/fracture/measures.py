@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from jaxpd.fracture.growth import Growth
+from jaxpd.fracture.live import DirectLive
 from jaxpd.gallery import beam_compliance, beam_force, notch_of
 from jaxpd.geometry import Crack, segment
-from jaxpd.growth import Growth
-from jaxpd.live import DirectLive
 
 Floats = NDArray[np.floating]
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.events import SLACK, Limits, ended, over_critical
-from jaxpd.live import Live
-from jaxpd.states import States
+from jaxpd.fracture.events import SLACK, Limits, ended, over_critical
+from jaxpd.fracture.live import Live
+from jaxpd.fracture.states import States
 
 
 def most_stretched(ratio: Any, factor: float, few: int | None, ties: float) -> Any:
