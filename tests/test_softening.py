@@ -68,7 +68,7 @@ def test_a_bilinear_bond_forgets_nothing_and_unloads_to_the_origin():
     assert (float(never.share(h)), float(never.spent(xi, h))) == (1.0, 0.0)
 
 
-def row(springs):
+def row(springs, solver="direct"):
     """Points on a line, the first held and the last moved by the load factor.
 
     Springs are (end, end, stiffness, critical stretch), all 1 m long.
@@ -82,7 +82,7 @@ def row(springs):
     moved[-1] = 1.0
     law = Bilinear(None, s_crit.astype(float), RATIO)
     whole = np.ones(len(i), bool)
-    return SoftBody(all_of, law, fixed, moved, np.zeros((n, 1)), whole)
+    return SoftBody(all_of, law, fixed, moved, np.zeros((n, 1)), whole, solver)
 
 
 def walk(body, amount=0.1, factor=np.inf, states=500):
@@ -113,6 +113,17 @@ def test_dissipation_control_follows_the_snap_back_of_one_bond(amount):
     left = states.column("work") - states.column("stored") - states.column("released")
     assert np.abs(left).max() <= 1e-12 * states.column("work").max()
     assert states.broken_at[0] == len(f) - 1
+
+
+def test_conjugate_gradients_turn_to_factors_where_curvature_is_negative():
+    springs = [(0, 1, 1.0, 0.01), (1, 2, 0.1, np.inf)]
+    path, other = walk(row(springs)), walk(row(springs, "d-pcg"))
+    for each in (path, other):
+        assert each.by_energy().startswith("severed")
+    f, g = path.states.column("factor"), other.states.column("factor")
+    np.testing.assert_allclose(g, f, rtol=1e-9)
+    assert other.fallbacks["direct"] == other.states.column("direct").sum() > 0
+    assert not path.fallbacks["direct"]
 
 
 def test_dissipation_control_passes_from_one_bond_to_the_next():
