@@ -55,7 +55,8 @@ def _intact(scene: Any, solver: str, operator: str) -> int:
 
 def _warm(scene: Any, **how: Any) -> Any:
     """A path whose code has been compiled by a short one before."""
-    jaxpd.solve_fracture(scene, **(how | {"max_states": 3}))
+    short: dict[str, Any] = how | {"max_states": 3}
+    jaxpd.solve_fracture(scene, **short)
     return jaxpd.solve_fracture(scene, **how)
 
 

@@ -2,10 +2,10 @@
 
 The rooms, in the order in which data walks through them: `geometry`, `physics`,
 `discretize`, `operators`, `solvers`; then the front desk: `laminate`, `scene`,
-`gallery`, `prepare` and `run` for statics,
-`path` for load steps with a memory, `motion`, `launch` and `explicit` for
-motion, `fracture` for slow fracture, `io`, `plot`; and what looks back: `audit`, `crack_path`,
-`gradcheck`, `observe`, `inverse`, `descent`, `fitting`, `uncertainty`, `resample`.
+`gallery`, `prepare` and `run` for statics, `fracture` for bodies that break slowly,
+`path` for load steps with a memory, `motion`, `launch` and `explicit` for motion, `io`,
+`plot`; and what looks back: `audit`, `crack_path`, `gradcheck`, `observe`, `inverse`,
+`descent`, `fitting`, `uncertainty`, `resample`.
 Importing does nothing; statics needs 64-bit floats, which the user turns on:
 
     jax.config.update("jax_enable_x64", True)

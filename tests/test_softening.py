@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxpd
-from jaxpd import soft_walk
+from jaxpd.fracture import soft_walk
 from jaxpd.fracture.events import Limits
 from jaxpd.fracture.soft import SoftBody
 from jaxpd.fracture.soft_rest import relaxed

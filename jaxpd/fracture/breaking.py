@@ -88,7 +88,8 @@ class Fracture:
             s = critical_stretch(params["G0"], c, law.omega, d, params["delta"])
             s = jnp.asarray(s) / self.toughness**0.5
         if s.ndim:
-            i, j = self.i, self.problem.family.nbr[self.slot, self.i]
+            family: Any = self.problem.family
+            i, j = self.i, family.nbr[self.slot, self.i]
             s = 0.5 * (s[i] + s[j])
         return jnp.where(self.may, s, math.inf)
 

@@ -87,8 +87,9 @@ def _solve(K, constraints, load, u, cycle, rtol, maxiter):
     project = constraints.project
     lift = constraints.lift()
     b = project(load - K.mv(lift))
+    near: Any
     if cycle is None:
-        blocks = constraints.diagonal(K.diagonal())
+        blocks: Any = constraints.diagonal(K.diagonal())
         # a point that has lost all bonds has no stiffness: any number will do
         trace = jnp.trace(blocks, axis1=1, axis2=2)
         bare = trace < 1e-9 * jnp.max(trace)
@@ -98,10 +99,8 @@ def _solve(K, constraints, load, u, cycle, rtol, maxiter):
         entries = jnp.diagonal(blocks, axis1=1, axis2=2)
         floor = 1e-3 * jnp.max(entries, axis=1)[:, None, None]
         near = block_jacobi(blocks + floor * eye[None])
-    else:
-
-        def near(r):
-            return project(cycle.cycle(r))
+    else:  # a cycle may not know of every prescribed entry
+        near = lambda r: project(cycle.cycle(r))  # noqa: E731
 
     x, info = pcg(
         lambda v: project(K.mv(v)),

@@ -118,11 +118,13 @@ def solve_retrace(trace: Retrace, params: Params) -> tuple[Traced, NewtonInfo]:
         s = springs.stretch(u)
         at = jnp.maximum(bond, 0)
         # a bond that is not there divides by nothing
-        own = jnp.where(bond < 0, 1.0, s[at])
-        f = jnp.where(bond < 0, factor, jnp.where(bond < 0, 1.0, s_crit[at]) / own)
-        pull = jnp.where(fixed, -(force.respond(u) + load), 0.0)
+        own: Any = jnp.where(bond < 0, 1.0, s[at])
+        strength: Any = jnp.where(bond < 0, 1.0, s_crit[at])
+        f: Any = jnp.where(bond < 0, factor, strength / own)
+        pull: Any = jnp.where(fixed, -(force.respond(u) + load), 0.0)
         work = jnp.sum(pull * u) + jnp.sum(load * u)
-        most = f * jnp.max(jnp.where(gone, 0.0, s / s_crit))
+        stretched: Any = jnp.where(gone, 0.0, s / s_crit)
+        most = f * jnp.max(stretched)
         return Traced(f, f * work, f * u, f * pull, most), info
 
     states = (jnp.asarray(trace.gone), trace.critical, jnp.asarray(trace.factor))

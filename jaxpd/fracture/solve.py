@@ -116,7 +116,8 @@ def solve_fracture(
     X, fixed = np.asarray(fracture.X), np.asarray(fracture.fixed)
     load, cut = np.asarray(fracture.params["load"]), np.asarray(fracture.cut)
     if solver == "auto":
-        grid = fracture.problem.family.bulk.shape[0] > 0
+        family: Any = fracture.problem.family
+        grid = family.bulk.shape[0] > 0
         small = X.size <= DIRECT[X.shape[1]]
         solver = "direct" if small else "multigrid" if grid else "amg"
     if ties is None:

@@ -68,7 +68,7 @@ class States:
             **more: what else to keep of it.
         """
         springs = self.springs
-        e = factor * (self.map @ u.ravel())
+        e: Any = factor * (self.map @ u.ravel())
         tension = np.where(intact, springs.k * e, 0.0)
         inner = (self.map.T @ tension).reshape(u.shape)
         reaction = np.where(self.fixed, inner - factor * self.load, 0.0)
@@ -90,10 +90,10 @@ class States:
             old, (u0, r0, t0, stood) = self.rows[-1], self._last
             lost = stood & ~intact
             du = here - u0
+            moved = 0.5 * (r0 + reaction) * du
             between = 0.5 * (old["factor"] + factor)
             row["work"] = old["work"] + float(
-                (0.5 * (r0 + reaction) * du)[self.fixed].sum()
-                + between * (self.load * du).sum()
+                moved[self.fixed].sum() + between * (self.load * du).sum()
             )
             row["released"] = old["released"] + 0.5 * float(t0[lost] @ e[lost])
             # what each held when it went

@@ -58,7 +58,8 @@ def march(
         Why it ended.
     """
     first = states.rows[0].get("first", 0.0)
-    given = None if np.ndim(factors) == 0 else np.asarray(factors, float)
+    share: Any = factors  # or the factors themselves
+    given = None if np.ndim(share) == 0 else np.asarray(share, float)
     target = states.rows[-1]["factor"]
     open_ = len(states.rows) > 1 and bool(states.rows[-1]["open"])
     while len(states.rows) < limits.states:
@@ -70,7 +71,7 @@ def march(
             if given is None:
                 if not top > SLACK * first:
                     return "severed: no bond that may break is stretched any more"
-                target = max(target + float(factors) / first, 1.0 / top)
+                target = max(target + float(share) / first, 1.0 / top)
             else:
                 later = given[given > target * (1.0 + 1e-12)]
                 if not len(later):
