@@ -40,6 +40,7 @@ class Growth:
         factor: load factor [F] (-).
         force: work of the factor's growth by 1 [F] (J): reactions times prescribed
             displacements, and loads times displacements, those at the factor 1.
+        pull: loads at the factor 1 times displacements [F] (J).
         critical: bond that stands at its strength in each state [F]; -1 where none
             does.
         accepted: states in which no bond stands above its strength [F]; the others are
@@ -72,6 +73,7 @@ class Growth:
     springs: Springs
     factor: np.ndarray
     force: np.ndarray
+    pull: np.ndarray
     critical: np.ndarray
     accepted: np.ndarray
     held: np.ndarray
@@ -128,27 +130,33 @@ class Growth:
         """What each unstable event sets free under monotone loading.
 
         A jump starts at a state of the envelope where the factor falls after it, and
-        ends where it is exceeded. Dictionaries of "state", "factor", "broken" bonds,
-        "released" (J) on the way, and "surplus" (J): what supports held at that factor
-        would give beyond the work of the quasi-static path, and motion takes.
+        ends where it is exceeded, or at the end of a body that is severed or torn.
+        Dictionaries of "state", "factor", "broken" bonds,
+        "released" (J) on the way, and "surplus" (J): with supports and loads held at
+        that factor, what the body gives beyond that, and motion takes; inf where a
+        load goes on pulling at a piece.
         """
-        found, states = [], self.envelope
+        found, states = [], self.envelope.tolist()
+        torn, last = self.stopped.startswith("torn"), len(self.factor) - 1
+        if self.stopped.startswith(("severed", "torn")) and states[-1] < last:
+            states.append(last)
         for a, b in itertools.pairwise(states):
             if b == a + 1:
                 continue
-            # held at the factor of a, the body would go straight down to the state b
-            # scaled back
-            share = self.factor[a] / self.factor[b]
-            low = self.stored[b] * share**2
+            away = torn and b == last
+            # at the factor of a the body ends in the state b, scaled back
+            f = self.factor[a]
+            share = f / self.factor[b]
             gone = self.released[b] - self.released[a]
-            fell = self.stored[a] - low
+            fell = self.stored[a] - self.stored[b] * share**2
+            fell -= f * (self.pull[a] - self.pull[b] * share)
             found.append(
                 {
                     "state": int(a),
-                    "factor": float(self.factor[a]),
+                    "factor": float(f),
                     "broken": int(((self.broken_at > a) & (self.broken_at <= b)).sum()),
                     "released": float(gone),
-                    "surplus": float(abs(fell) - gone),
+                    "surplus": np.inf if away else float(fell - gone),
                 }
             )
         return found

@@ -102,6 +102,7 @@ class SoftStates:
             "released": 0.0,
             # conjugate to the factor: what its growth by 1 would do of work
             "force": float(reaction @ body.lift + body.load @ u),
+            "pull": float(body.load @ u),
             "broken": float(gone.sum()),
         }
         if self.rows:

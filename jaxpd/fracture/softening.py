@@ -125,6 +125,7 @@ def soften(
         springs=springs,
         factor=states.column("factor"),
         force=states.column("force"),
+        pull=states.column("pull"),
         critical=np.full(len(states.rows), -1),
         accepted=np.ones(len(states.rows), bool),
         held=states.held,

@@ -259,6 +259,7 @@ def _growth(
         springs=states.springs,
         factor=column("factor"),
         force=column("force"),
+        pull=column("pull"),
         critical=column("critical").astype(int),
         accepted=column("accepted").astype(bool),
         held=states.held,

@@ -83,9 +83,8 @@ class States:
             "seconds": time.perf_counter() - self._began,
         }
         # conjugate to the factor: what its growth by 1 would do of work
-        row["force"] = float(
-            (reaction * u)[self.fixed].sum() + (self.load * here).sum()
-        )
+        row["pull"] = float((self.load * here).sum())
+        row["force"] = float((reaction * u)[self.fixed].sum()) + row["pull"]
         if self.rows:
             old, (u0, r0, t0, stood) = self.rows[-1], self._last
             lost = stood & ~intact
