@@ -380,3 +380,84 @@ def test_a_law_of_ones_own_breaks_at_its_critical_stretch():
     )
     worst = found.springs.stretch(live.u)[~np.asarray(found.fracture.cut)].max()
     assert found.factor[1] * worst >= 0.01 * (1.0 - 1e-9)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stiff:
+    """A bond that resists across itself as it does along."""
+
+    c: jax.Array
+
+    def force(self, xi, eta):
+        return self.c * eta / jnp.sqrt(xi @ xi)
+
+
+def test_bonds_that_are_no_springs_are_refused():
+    bonds = dataclasses.replace(notched().resolution, calibration="continuum")
+    own = jaxpd.Solid(Stiff(np.asarray(1.0)), rho=1.0, s_crit=0.01)
+    scene = dataclasses.replace(notched(), material=own, resolution=bonds)
+    with pytest.raises(ValueError, match="resist across themselves"):
+        jaxpd.solve_fracture(scene, max_states=3)
+
+
+def test_bonds_without_weight_never_break():
+    """The conical kernel is zero at the horizon, where the lattice has bonds."""
+    bonds = dataclasses.replace(notched().resolution, kernel=jaxpd.conical())
+    scene = dataclasses.replace(notched(), resolution=bonds)
+    found = jaxpd.solve_fracture(scene, max_states=40)
+    assert (found.springs.k == 0).any()
+    assert (found.springs.k[found.broken] > 0).all()
+    assert np.abs(found.balance).max() < 1e-12
+
+
+@pytest.mark.parametrize("d", [1, 3])
+def test_bars_and_solids_break_too(d):
+    """A bar under its own ends; a notched block between clamps."""
+    if d == 1:
+        scene = jaxpd.Scene(
+            body=jaxpd.box((0.0,), (30.0,)),
+            material=jaxpd.Elastic(1.0, None, "bar", G0=1e-4),
+            supports=[
+                jaxpd.moves(jaxpd.below(x=0.0), x=0.0),
+                jaxpd.moves(jaxpd.above(x=30.0), x=1.0),
+            ],
+            resolution=jaxpd.Bonds(dx=1.0, m=3),
+        )
+    else:
+        scene = jaxpd.Scene(
+            body=jaxpd.box((0, 0, 0), (5, 5, 16)),
+            material=jaxpd.Elastic(1.0, 0.25, "solid", G0=1e-4),
+            cracks=[jaxpd.rectangle((-1, -1, 8), (3, 0, 0), (0, 7, 0))],
+            supports=[
+                jaxpd.moves(jaxpd.below(z=2.0), x=0, y=0, z=0.0),
+                jaxpd.moves(jaxpd.above(z=14.0), x=0, y=0, z=1.0),
+            ],
+            no_fail=[jaxpd.below(z=4.0), jaxpd.above(z=12.0)],
+            resolution=jaxpd.Bonds(
+                dx=1.0, m=2, kernel=jaxpd.fractional(-2.0), nodes="cell"
+            ),
+        )
+    found = jaxpd.solve_fracture(scene).checked()
+    assert found.stopped.startswith("severed")
+    assert np.abs(found.balance).max() < 1e-12
+
+
+def test_replay_is_the_derivative_of_whole_new_paths(rng):
+    """Fields of E and G0 without symmetry: no ties, the same bonds break."""
+    n = 16 * 24
+    E, G0 = 1.0 + 0.2 * rng.random(n), 1e-4 * (1.0 + 0.1 * rng.random(n))
+    along = rng.normal(size=n)
+
+    def path(h):
+        material = jaxpd.Elastic(E + h * along, 1 / 3, "plane stress", G0=G0)
+        return jaxpd.solve_fracture(notched(material=material), max_states=12)
+
+    middle, up, down = (path(h) for h in (0.0, 1e-6, -1e-6))
+    replay = middle.replay([10])
+    slope = jax.grad(lambda p: replay.solve(p)[0].force[0])(
+        jax.tree.map(jnp.asarray, replay.params)
+    )["E"]
+    np.testing.assert_array_equal(up.broken_by(10), down.broken_by(10))
+    found = (up.force[10] - down.force[10]) / 2e-6
+    assert float(slope @ along) == pytest.approx(found, rel=1e-6)

@@ -75,9 +75,28 @@ def springs_of(bonds: BondForce, slot: Any, i: Any) -> Springs:
         slot: number of each bond's slot at its end i.
         i: that end.
     """
+    xi, blocks = _blocks(bonds, slot, i)
+    length = jnp.sqrt(jnp.sum(xi * xi, axis=1))
+    stiff = bonds.weight[slot, i] * jnp.trace(blocks, axis1=1, axis2=2)
+    return Springs(i, bonds.nbr[slot, i], xi / length[:, None], length, stiff)
+
+
+def across(bonds: BondForce, slot: Any, i: Any) -> jax.Array:
+    """Largest resistance of bonds across themselves over that along them [] (-). Pure.
+
+    0 of bonds that are springs.
+    """
+    xi, blocks = _blocks(bonds, slot, i)
+    n = xi / jnp.sqrt(jnp.sum(xi * xi, axis=1))[:, None]
+    along = jnp.einsum("ba,bac,bc->b", n, blocks, n)
+    rest = blocks - along[:, None, None] * n[:, :, None] * n[:, None, :]
+    return jnp.max(jnp.abs(rest)) / jnp.max(jnp.abs(along))
+
+
+def _blocks(bonds: BondForce, slot: Any, i: Any) -> tuple[jax.Array, jax.Array]:
+    """Bond vectors [b, d] (m), and blocks at rest [b, d, d], without weights."""
     j = bonds.nbr[slot, i]
     xi = bonds.X[j] - bonds.X[i]
-    length = jnp.sqrt(jnp.sum(xi * xi, axis=1))
 
     def of(leaf):
         leaf = jnp.asarray(leaf)
@@ -87,9 +106,7 @@ def springs_of(bonds: BondForce, slot: Any, i: Any) -> Springs:
 
     law = jax.tree.map(of, bonds.law)
     axes = jax.tree.map(lambda leaf: 0 if leaf.ndim else None, law)
-    blocks = jax.vmap(bond_block, (axes, 0, 0, None))(law, xi, 0.0 * xi, "ad")
-    stiff = bonds.weight[slot, i] * jnp.trace(blocks, axis1=1, axis2=2)
-    return Springs(i, j, xi / length[:, None], length, stiff)
+    return xi, jax.vmap(bond_block, (axes, 0, 0, None))(law, xi, 0.0 * xi, "ad")
 
 
 @jax.tree_util.register_dataclass
