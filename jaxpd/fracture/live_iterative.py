@@ -31,7 +31,7 @@ from jaxpd.solvers.status import Status
 
 #: Iterations over those after the last set-up that ask for a new one, and how few do
 #: not matter.
-WORSE, FEW = 1.8, 10
+WORSE, FEW = 1.8, 6
 #: Places of the list of lost springs to begin with; it doubles, and compiles anew.
 ROOM = 1024
 METHODS = ("d-pcg", "multigrid", "amg", "spectral", "relaxation")
