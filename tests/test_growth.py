@@ -86,6 +86,8 @@ def test_the_exact_path_balances_and_ends_in_two_pieces(torn):
     assert torn.damage(0).max() == 0.0
     assert torn.damage().max() > 0.3
     assert torn.damage(0, precracks=True).max() > 0.3
+    # the grips move: the peak is that of the force, on the envelope
+    assert torn.force[torn.peak] == torn.force[torn.envelope].max()
     jump = max(torn.jumps, key=lambda jump: jump["broken"])
     assert jump["surplus"] > 0.0
     assert jump["broken"] > 50

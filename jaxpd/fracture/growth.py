@@ -209,8 +209,14 @@ class Growth:
 
     @functools.cached_property
     def peak(self) -> int:
-        """Number of the state with the largest load factor."""
-        return int(np.argmax(np.where(self.accepted, self.factor, -np.inf)))
+        """Number of the state of the highest load that monotone loading sees.
+
+        Of supports that move the one with the largest `force`; with loads the one with
+        the largest factor.
+        """
+        states = self.envelope
+        load = self.factor if np.any(self.pull) else self.force
+        return int(states[np.argmax(load[states])])
 
     def replay(self, kept: Any = None) -> Retrace | SoftReplay:
         """States as one differentiable function of the parameters.
