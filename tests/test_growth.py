@@ -463,3 +463,20 @@ def test_replay_is_the_derivative_of_whole_new_paths(rng):
     np.testing.assert_array_equal(up.broken_by(10), down.broken_by(10))
     found = (up.force[10] - down.force[10]) / 2e-6
     assert float(slope @ along) == pytest.approx(found, rel=1e-6)
+
+
+@pytest.mark.parametrize("correction", ["lattice", "energy"])
+def test_bodies_too_large_for_factors_are_iterated(correction, monkeypatch):
+    """Bonds that are alike by multigrid; corrections that make each its own by AMG."""
+    monkeypatch.setattr("jaxpd.fracture.solve.DIRECT", {2: 10})
+    calibration = "lattice" if correction == "lattice" else "continuum"
+    bonds = dataclasses.replace(
+        notched().resolution, correction=correction, calibration=calibration
+    )
+    scene = dataclasses.replace(notched(), resolution=bonds)
+    found = jaxpd.solve_fracture(scene, max_states=8)
+    assert found.cost["iterations"].sum() > 0
+    monkeypatch.setattr("jaxpd.fracture.solve.DIRECT", {2: 10**6})
+    exact = jaxpd.solve_fracture(scene, max_states=8)
+    assert exact.cost["iterations"].sum() == 0
+    np.testing.assert_allclose(found.factor, exact.factor, rtol=1e-7)

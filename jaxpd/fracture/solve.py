@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from jaxpd import io
+from jaxpd.discretize.surface import VOLUMES
 from jaxpd.fracture.breaking import Fracture, prepare_fracture
 from jaxpd.fracture.events import Limits, follow
 from jaxpd.fracture.growth import Growth
@@ -20,7 +21,7 @@ from jaxpd.fracture.live_iterative import METHODS, IterativeLive
 from jaxpd.fracture.softening import Soft, check_softening, soften
 from jaxpd.fracture.states import States
 from jaxpd.fracture.steps import march
-from jaxpd.geometry import Region
+from jaxpd.geometry import Family, Region
 from jaxpd.prepare import prepare
 from jaxpd.progress import bar
 from jaxpd.run import peak_memory
@@ -116,10 +117,7 @@ def solve_fracture(
     X, fixed = np.asarray(fracture.X), np.asarray(fracture.fixed)
     load, cut = np.asarray(fracture.params["load"]), np.asarray(fracture.cut)
     if solver == "auto":
-        family: Any = fracture.problem.family
-        grid = family.bulk.shape[0] > 0
-        small = X.size <= DIRECT[X.shape[1]]
-        solver = "direct" if small else "multigrid" if grid else "amg"
+        solver = _solver(fracture) if softening is None else "direct"
     if ties is None:
         ties = TIES if solver == "direct" else max(TIES, 1000.0 * rtol)
     for region in watch:
@@ -152,14 +150,22 @@ def solve_fracture(
         keep.now()
         return False
 
-    if keep.stopped:
-        stopped = keep.stopped
-    elif factors is None:
+    if factors is None:
         stopped = follow(live, states, s_crit, ties, limits, pause)
     else:
         stopped = march(live, states, s_crit, factors, few, ties, limits, pause)
     seconds = {"prepare": ready - started, "path": time.perf_counter() - ready}
     return _growth(scene, fracture, live, states, stopped, seconds)
+
+
+def _solver(fracture: Fracture) -> str:
+    """Factors as long as they fit, else the preconditioner of a lattice, or AMG."""
+    X, family = fracture.X, fracture.problem.family
+    assert isinstance(family, Family)
+    if X.size <= DIRECT[X.shape[1]]:
+        return "direct"
+    alike = fracture.problem.spec.correction in VOLUMES
+    return "multigrid" if alike and family.bulk.shape[0] else "amg"
 
 
 class Keeper:
@@ -168,7 +174,7 @@ class Keeper:
     def __init__(self, folder: str | Path | None, mark: str, live: Any, states: States):
         """Take up what is in a folder, or begin at rest."""
         self.live, self.states, self.mark = live, states, mark
-        self.file, self.stopped = None, ""
+        self.file = None
         if folder is not None:
             io.check_folder(folder).mkdir(exist_ok=True)
             self.file = Path(folder) / "growth.npz"
