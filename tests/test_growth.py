@@ -480,3 +480,66 @@ def test_bodies_too_large_for_factors_are_iterated(correction, monkeypatch):
     exact = jaxpd.solve_fracture(scene, max_states=8)
     assert exact.cost["iterations"].sum() == 0
     np.testing.assert_allclose(found.factor, exact.factor, rtol=1e-7)
+
+
+def test_load_steps_that_were_given_have_an_envelope_and_their_last_state():
+    """Each accepted factor once; the last displacements are in equilibrium."""
+    factors = [0.03, 0.06, 0.07, 0.08]
+    found = jaxpd.solve_fracture(notched(), factors=factors)
+    np.testing.assert_allclose(found.factor[found.envelope], [0.0, *factors])
+    assert all(jump["surplus"] > 0.0 for jump in found.jumps)
+    for how in ({"max_states": 21}, {"factors": factors}, {"max_factor": 0.07}):
+        found = jaxpd.solve_fracture(notched(), **how)
+        s, intact = found.springs, ~found.broken_by()
+        pull = s.force(np.where(intact, s.k * s.elongation(found.u), 0.0), len(found.u))
+        pull[np.asarray(found.fracture.fixed)] = 0.0
+        assert np.abs(pull).max() < 1e-10 * np.abs(found.reaction).max()
+
+
+def test_a_largest_factor_is_reached_with_what_breaks_there():
+    found = jaxpd.solve_fracture(notched(), factors=[0.05, 0.2], max_factor=0.075)
+    assert found.done
+    assert found.accepted[-1]
+    assert found.factor[-1] == 0.075
+    assert found.broken.sum() > 10
+
+
+@pytest.mark.parametrize("how", [{}, {"factors": 0.1}, {"softening": 10.0}])
+def test_a_body_that_nothing_stretches_is_refused(how):
+    still = [
+        jaxpd.holds(jaxpd.box((0, 9), (16, 12))),
+        jaxpd.holds(jaxpd.box((0, -12), (16, -9))),
+    ]
+    with pytest.raises(ValueError, match="nothing stretches a bond"):
+        jaxpd.solve_fracture(notched(supports=still), **how)
+
+
+def test_softening_bonds_unload_through_zero_and_load_again():
+    found = jaxpd.solve_fracture(
+        notched(), softening=10.0, factors=[0.04, -1e-3, 0.05]
+    ).checked()
+    assert found.stopped.startswith("load factor 0.05")
+    assert np.abs(found.balance).max() < 1e-2
+
+
+def test_hinges_that_cracks_leave_are_held_without_force():
+    """A point on one bond alone, cut free by the cracks of the scene."""
+    scene = notched(W=8, a0=3, h=8, no_fail=())
+    fracture = prepare_fracture(scene)
+    springs = jax.tree.map(
+        np.asarray, jax.jit(Fracture.springs)(fracture, fracture.params)
+    )
+    n = len(fracture.X)
+    point = int(np.argmin(np.abs(np.asarray(fracture.X) - [5.5, 3.5]).sum(axis=1)))
+    mine = np.flatnonzero((springs.i == point) | (springs.j == point))
+    intact = ~np.asarray(fracture.cut)
+    intact[mine[1:]] = False
+    args = [np.asarray(fracture.params[k]) for k in ("prescribed", "load")]
+    live = DirectLive(springs, np.asarray(fracture.fixed), *args, intact)
+    assert live.floppy[point]
+    assert not live.torn
+    pull = springs.force(
+        np.where(intact, springs.k * springs.elongation(live.u), 0.0), n
+    )
+    pull[np.asarray(fracture.fixed)] = 0.0
+    assert np.abs(pull).max() < 1e-9 * np.abs(springs.k * 1.0).max()

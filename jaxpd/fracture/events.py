@@ -84,7 +84,7 @@ def follow(
         )
         go = np.flatnonzero(ratio >= top * (1.0 - ties))
         live.lose(go)
-        why = ended(live, states, factor, go, limits)
+        why = ended(live, states, s_crit, factor, go, limits)
         if why:
             return why
         if pause():
@@ -93,7 +93,12 @@ def follow(
 
 
 def ended(
-    live: Live, states: States, factor: float, go: NDArray, limits: Limits
+    live: Live,
+    states: States,
+    s_crit: Any,
+    factor: float,
+    go: NDArray,
+    limits: Limits,
 ) -> str | None:
     """Why a path ends after the bonds `go` went at a factor, or None."""
     if live.torn:
@@ -107,7 +112,8 @@ def ended(
     elif limits.end[go].any():
         why = "a bond in the region of the end broke"
     if why:
-        end = {"accepted": True, "critical": -1, **live.cost}
+        calm = factor * over_critical(live, states, s_crit).max() <= 1.0 + SLACK
+        end = {"accepted": calm, "critical": -1, **live.cost}
         states.add(factor, live.u, live.intact, **end)
     return why
 
@@ -116,3 +122,17 @@ def force_of(live: Live, states: States) -> float:
     """Work of the factor's growth by 1 at the factor 1 (J): twice the energy there."""
     e = states.map @ live.u.ravel()
     return float(np.where(live.intact, states.springs.k * e * e, 0.0).sum())
+
+
+def check_loaded(rows: Any, stopped: str) -> None:
+    """Refuse a path that never began.
+
+    Raises:
+        ValueError: naming the cure.
+    """
+    if len(rows) == 1 and stopped.startswith("severed"):
+        raise ValueError(
+            "supports, loads: nothing stretches a bond that may break at a positive "
+            "load factor; prescribe displacements that are not zero, or loads, and "
+            "mind their signs"
+        )

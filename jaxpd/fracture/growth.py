@@ -57,6 +57,7 @@ class Growth:
         u: displacements in the last state [n, d] (m).
         floppy: points that could move without any force [n]: pieces that came off, and
             hinges. They are held so that no force arises; where they are means nothing.
+            Of the direct solver and brittle bonds alone; `pieces` always tells.
         cost: of each state [F], by name: "solves", "iterations", "factorisations",
             "seconds".
         fallbacks: how often each way out was needed, by name.
@@ -122,32 +123,31 @@ class Growth:
     @property
     def envelope(self) -> np.ndarray:
         """Numbers of the states that monotone loading sees: the factor's new maxima."""
-        before = np.concatenate([[-np.inf], np.maximum.accumulate(self.factor)[:-1]])
-        return np.flatnonzero((self.factor > before) & self.accepted)
+        seen = np.where(self.accepted, self.factor, -np.inf)
+        before = np.concatenate([[-np.inf], np.maximum.accumulate(seen)[:-1]])
+        return np.flatnonzero(seen > before)
 
     @property
     def jumps(self) -> list[dict[str, float]]:
         """What each unstable event sets free under monotone loading.
 
         A jump starts at a state of the envelope where the factor falls after it, and
-        ends where it is exceeded, or at the end of a body that is severed or torn.
-        Dictionaries of "state", "factor", "broken" bonds,
-        "released" (J) on the way, and "surplus" (J): with supports and loads held at
-        that factor, what the body gives beyond that, and motion takes; inf where a
-        load goes on pulling at a piece.
+        ends where it is exceeded, or at the end of a body that is severed or torn; of
+        load steps it is all that breaks at one factor. Dictionaries of "state",
+        "factor", "broken" bonds, "released" (J) on the way, and "surplus" (J): with
+        supports and loads held at that factor, what the body gives beyond that, and
+        motion takes; inf where a load goes on pulling at a piece.
         """
-        found, states = [], self.envelope.tolist()
-        torn, last = self.stopped.startswith("torn"), len(self.factor) - 1
-        if self.stopped.startswith(("severed", "torn")) and states[-1] < last:
-            states.append(last)
-        for a, b in itertools.pairwise(states):
-            if b == a + 1:
-                continue
+        found, torn = [], self.stopped.startswith("torn")
+        last = len(self.factor) - 1
+        for a, b in self._ways():
             away = torn and b == last
             # at the factor of a the body ends in the state b, scaled back
             f = self.factor[a]
             share = f / self.factor[b]
             gone = self.released[b] - self.released[a]
+            # the last way is taken back to that factor, and what fades on it
+            gone -= (1.0 - share) * (self.released[b] - self.released[b - 1])
             fell = self.stored[a] - self.stored[b] * share**2
             fell -= f * (self.pull[a] - self.pull[b] * share)
             found.append(
@@ -160,6 +160,18 @@ class Growth:
                 }
             )
         return found
+
+    def _ways(self) -> list[tuple[int, int]]:
+        """First and last states of each jump."""
+        if self.softened is None and not (self.critical >= 0).any():
+            # load steps: all passes at one factor
+            new = np.flatnonzero(np.diff(self.factor, prepend=-np.inf, append=np.inf))
+            pairs = [(int(a), int(b) - 1) for a, b in itertools.pairwise(new)]
+            return [(a, b) for a, b in pairs if b > a]
+        states, last = self.envelope.tolist(), len(self.factor) - 1
+        if self.stopped.startswith(("severed", "torn")) and states[-1] < last:
+            states.append(last)
+        return [(a, b) for a, b in itertools.pairwise(states) if b > a + 1]
 
     def broken_by(self, state: int = -1) -> np.ndarray:
         """Mask of the bonds that are gone in a state [b], cracks of the scene too."""

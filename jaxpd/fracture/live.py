@@ -14,9 +14,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from jaxpd.operators.springs import Springs
-from jaxpd.solvers.downdate import GONE, Downdated
+from jaxpd.solvers.downdate import GONE, Downdated, Singular
 
 Floats = NDArray[np.floating]
+
+#: A gap that loses digits: the factors are made anew.
+NEARLY = 1e-6
 
 
 class Live(Protocol):
@@ -80,8 +83,13 @@ class DirectLive:
         self.inverse = Downdated(len(self._free))
         self.u = np.where(fixed, prescribed, 0.0)
         self.torn, self.floppy = False, np.zeros(n, bool)
-        self._stiff = float(springs.k.max())
-        self._anew()
+        self._stiff, self._tension = float(springs.k.max()), 0.0
+        try:
+            self._anew()
+        except Singular:  # a hinge, or a point on one bond: found bond by bond
+            self.intact = np.ones(len(intact), bool)
+            self._anew()
+            self.lose(np.flatnonzero(~intact))
 
     @property
     def cost(self) -> dict[str, float]:
@@ -97,13 +105,21 @@ class DirectLive:
         """Factorise anew; pins, and which points are floppy."""
         self._anew()
         pins = np.array([*self.inverse.pins.items()]).reshape(-1, 2)
-        return {"pins": pins, "floppy": self.floppy, "intact": self.intact.copy()}
+        made = np.array([self.inverse.factorisations, self.inverse.solves])
+        return {
+            "pins": pins,
+            "floppy": self.floppy,
+            "intact": self.intact.copy(),
+            "made": made,
+        }
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Go on from what `settle` gave, to the same bits."""
         self.inverse.pins = {int(entry): float(k) for entry, k in kept["pins"]}
         self.floppy, self.intact = kept["floppy"], kept["intact"]
         self._anew()
+        made = kept["made"].tolist()
+        self.inverse.factorisations, self.inverse.solves = made
 
     def _stiffness(self) -> sp.csr_array:
         B = self._B[self.intact]
@@ -118,8 +134,14 @@ class DirectLive:
         self.inverse.factorise(A)
         x = self.inverse.solve(b)
         x += self.inverse.solve(b - self._pinned(A, x))
+        left = np.abs(b - self._pinned(A, x)).max(initial=0.0)
+        if not left <= 1e-6 * np.abs(b).max(initial=0.0):
+            raise Singular("K: the stiffness is singular but for round-off")
         flat[self._free] = x
         self.u = flat.reshape(self.u.shape)
+        if not self._tension:
+            pull = self.springs.k * (self._B @ flat)
+            self._tension = float(np.abs(pull[self.intact]).max(initial=0.0))
 
     def _pinned(self, A: sp.csr_array, x: Floats) -> Floats:
         """A x with the pins."""
@@ -162,6 +184,8 @@ class DirectLive:
             gap = 1.0 - k * float(gf @ w[at])
         self.inverse.lose(w, k, gap)
         u[self._free] += w * (k * e / gap)
+        if gap < NEARLY:  # digits are lost
+            self._anew()
         self._look()
 
     def _pin(self, w: Floats) -> None:
@@ -181,5 +205,5 @@ class DirectLive:
         if not self.inverse.pins or self.torn:
             return
         u = self.u.ravel()
-        held = max(abs(u[self._free[p]]) for p in self.inverse.pins)
-        self.torn = bool(held > 1e-6 * np.abs(u).max())
+        held = max(k * abs(u[self._free[p]]) for p, k in self.inverse.pins.items())
+        self.torn = bool(held > 1e-6 * self._tension)

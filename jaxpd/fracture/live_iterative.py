@@ -190,12 +190,18 @@ class IterativeLive:
 
     def settle(self) -> dict[str, Any]:
         """Displacements, and which springs stand."""
-        return {"u": self.u, "floppy": self.floppy, "intact": self.intact.copy()}
+        return {
+            "u": self.u,
+            "floppy": self.floppy,
+            "intact": self.intact.copy(),
+            "cost": dict(self.cost),
+        }
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Go on from what `settle` gave; to the tolerance, not to the bit."""
         self.u = kept["u"]
         self.lose(np.flatnonzero(self.intact & ~kept["intact"]))
+        self.cost |= {name: float(count) for name, count in kept["cost"].items()}
 
     def _go(self) -> tuple[int, bool]:
         K = Less(self._whole, self._gone())

@@ -107,8 +107,8 @@ class SoftWalk:
         row = states.rows[-1]
         if body.factor:
             stiff = row["force"] / body.factor
-            self._first = self._first or stiff / body.factor
-            left = self._left(stiff / body.factor)
+            self._first = self._first or stiff
+            left = self._left(stiff)
             if left <= limits.severed:
                 return f"severed: {max(left, 0.0):.1e} of the stiffness is left"
         if row["broken"] > broken:

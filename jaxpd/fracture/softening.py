@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpd.fracture.breaking import Fracture
-from jaxpd.fracture.events import Limits
+from jaxpd.fracture.events import Limits, check_loaded
 from jaxpd.fracture.growth import Growth
 from jaxpd.fracture.soft import SoftBody
 from jaxpd.fracture.soft_states import SoftStates
@@ -116,6 +116,7 @@ def soften(
         stopped = walk.by_load(np.asarray(how.factors, float).tolist())
     else:
         stopped = walk.by_rising_load(float(np.asarray(how.factors)))
+    check_loaded(states.rows, stopped)
     counted = {k: states.column(k) for k in ("iterations", *WAYS)}
     for name in ("solves", "factorisations", "seconds"):
         counted[name] = np.diff(states.column(name), prepend=0.0)

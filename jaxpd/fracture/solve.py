@@ -14,12 +14,12 @@ import numpy as np
 from jaxpd import io
 from jaxpd.discretize.surface import VOLUMES
 from jaxpd.fracture.breaking import Fracture, prepare_fracture
-from jaxpd.fracture.events import Limits, follow
+from jaxpd.fracture.events import Limits, check_loaded, follow
 from jaxpd.fracture.growth import Growth
 from jaxpd.fracture.live import DirectLive
 from jaxpd.fracture.live_iterative import METHODS, IterativeLive
 from jaxpd.fracture.softening import Soft, check_softening, soften
-from jaxpd.fracture.states import States
+from jaxpd.fracture.states import NEVER, States
 from jaxpd.fracture.steps import march
 from jaxpd.geometry import Family, Region
 from jaxpd.prepare import prepare
@@ -110,6 +110,8 @@ def solve_fracture(
     """
     started = time.perf_counter()
     _check(factors, softening, few, ties, solver, rtol, severed, max_states)
+    if not max_factor > 0:
+        raise ValueError(f"max_factor: {max_factor} must be positive")
     brittle = {"few": few, "ties": ties, "folder": folder}
     check_softening(softening, amount, solver, brittle)
     fracture = prepare_fracture(scene, toughness)
@@ -120,6 +122,8 @@ def solve_fracture(
         solver = _solver(fracture) if softening is None else "direct"
     if ties is None:
         ties = TIES if solver == "direct" else max(TIES, 1000.0 * rtol)
+    if isinstance(watch, Region):
+        raise ValueError(f"watch: {watch} must be a list, as in [region]")
     for region in watch:
         if not region.contains(X).any():
             raise ValueError(f"watch: no point lies in {region}")
@@ -139,8 +143,9 @@ def solve_fracture(
         live = _iterative(scene, springs, ~cut, solver, operator, rtol, maxiter)
     states = States(springs, fixed, load, cut, seen)
     mark = "a slow fracture, "
-    how = (factors, few, ties, solver, severed, max_factor, watch)
-    mark += io.digest((fracture, last), *map(repr, how))
+    how = (few, ties, solver, operator, rtol, severed, max_factor, watch)
+    asked = np.atleast_1d(np.nan if factors is None else factors)
+    mark += io.digest((fracture, last, asked), *map(repr, how))
     keep = Keeper(folder, mark, live, states)
     ready = time.perf_counter()
     counter = bar(range(len(states.rows), max_states), max_states, progress, "state")
@@ -154,6 +159,7 @@ def solve_fracture(
         stopped = follow(live, states, s_crit, ties, limits, pause)
     else:
         stopped = march(live, states, s_crit, factors, few, ties, limits, pause)
+    check_loaded(states.rows, stopped)
     seconds = {"prepare": ready - started, "path": time.perf_counter() - ready}
     return _growth(scene, fracture, live, states, stopped, seconds)
 
@@ -215,8 +221,11 @@ def _check(
         good = np.isfinite(some).all() and (rising or softening is not None)
         if some.ndim != 1 or not len(some) or not good:
             raise ValueError(f"factors: {factors} must rise strictly, from above 0")
-    if few is not None and (factors is None or few < 1):
-        raise ValueError(f"few: {few} must be 1 or more, and is for load steps")
+    whole = few is None or (isinstance(few, int) and few >= 1)
+    if not whole or (few is not None and factors is None):
+        raise ValueError(
+            f"few: {few} must be a whole number from 1 on, and is for load steps"
+        )
     if ties is not None and not 0 < ties < 1:
         raise ValueError(f"ties: {ties} must lie between 0 and 1; 1e-7 is round-off")
     if solver not in ("auto", "direct", *METHODS):
@@ -257,6 +266,8 @@ def _growth(
     seconds: dict[str, float],
 ) -> Growth:
     column = states.column
+    lost = ~live.intact & (states.broken_at == NEVER)
+    states.broken_at[lost] = len(states.rows)  # after the last state
     names = ("solves", "iterations", "factorisations", "seconds")
     cost = {name: np.diff(column(name), prepend=0.0) for name in names}
     return Growth(
@@ -276,7 +287,7 @@ def _growth(
         released=column("released"),
         bonds=column("bonds"),
         broken_at=states.broken_at,
-        u=states.rows[-1]["factor"] * live.u,
+        u=states.last_u,
         floppy=live.floppy,
         cost=cost,
         fallbacks={"direct": int(live.cost.get("direct", 0))},

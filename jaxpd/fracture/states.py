@@ -105,6 +105,11 @@ class States:
         self.watched.append(np.array([here[w].mean(axis=0) for w in self.watch]))
         self._last = (here, reaction, tension, intact.copy())
 
+    @property
+    def last_u(self) -> Floats:
+        """Displacements in the last state [n, d] (m)."""
+        return self._last[0]
+
     def column(self, name: str) -> Floats:
         """One number of every state [F], 0 where it was not kept."""
         return np.array([row.get(name, 0.0) for row in self.rows])

@@ -68,6 +68,8 @@ def march(
         first = first or top
         states.rows[0]["first"] = first
         if not open_:
+            if states.rows[-1]["factor"] >= limits.factor:
+                return f"load factor {limits.factor:.6g} reached"
             if given is None:
                 if not top > SLACK * first:
                     return "severed: no bond that may break is stretched any more"
@@ -77,12 +79,7 @@ def march(
                 if not len(later):
                     return "all load steps are done"
                 target = float(later[0])
-            if target > limits.factor:
-                if limits.factor > states.rows[-1]["factor"]:
-                    calm = limits.factor * top < 1.0 - ties
-                    end = {"accepted": calm, "critical": -1, **live.cost}
-                    states.add(limits.factor, live.u, live.intact, **end)
-                return f"load factor {limits.factor:.6g} reached"
+            target = min(target, limits.factor)
         go = most_stretched(ratio, target, few, ties)
         open_ = len(go) > 0
         # a bond just at its strength stands in equilibrium, and goes
@@ -91,7 +88,7 @@ def march(
         states.add(target, live.u, live.intact, **more)
         if open_:
             live.lose(go)
-            why = ended(live, states, target, go, limits)
+            why = ended(live, states, s_crit, target, go, limits)
             if why:
                 return why
         if pause():
