@@ -8,6 +8,9 @@ release are exact, whatever the states are:
     released  by each spring that goes at t: T_t e_t+1 / 2, its tension then and its
               elongation in the next state, free ends and all
 
+Where the factor rises after a loss, a spring that goes at once frees less than one that
+fades on the way: T_t e_t+1 f_t / (2 f_t+1).
+
 Source: two straight lines of load against displacement enclose that area; for the sum
 over springs, work of the fading tension plus what the spring held.
 """
