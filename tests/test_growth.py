@@ -504,7 +504,9 @@ def test_a_largest_factor_is_reached_with_what_breaks_there():
     assert found.broken.sum() > 10
 
 
-@pytest.mark.parametrize("how", [{}, {"factors": 0.1}, {"softening": 10.0}])
+@pytest.mark.parametrize(
+    "how", [{}, {"factors": 0.1}, {"factors": [0.1]}, {"softening": 10.0}]
+)
 def test_a_body_that_nothing_stretches_is_refused(how):
     still = [
         jaxpd.holds(jaxpd.box((0, 9), (16, 12))),
@@ -543,3 +545,9 @@ def test_hinges_that_cracks_leave_are_held_without_force():
     )
     pull[np.asarray(fracture.fixed)] = 0.0
     assert np.abs(pull).max() < 1e-9 * np.abs(springs.k * 1.0).max()
+
+
+def test_a_body_that_moves_as_a_whole_is_refused():
+    one = [jaxpd.moves(jaxpd.box((0, 9), (16, 12)), x=0.0, y=0.5)]
+    with pytest.raises(ValueError, match="nothing stretches a bond"):
+        jaxpd.solve_fracture(notched(supports=one))

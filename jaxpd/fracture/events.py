@@ -69,6 +69,7 @@ def follow(
     while len(states.rows) < limits.states:
         ratio = over_critical(live, states, s_crit)
         top = float(ratio.max(initial=0.0))
+        top = 0.0 if len(states.rows) == 1 and rigid(live, states) else top
         first = first or top
         if not top > SLACK * first:
             return "severed: no bond that may break is stretched any more"
@@ -122,6 +123,12 @@ def force_of(live: Live, states: States) -> float:
     """Work of the factor's growth by 1 at the factor 1 (J): twice the energy there."""
     e = states.map @ live.u.ravel()
     return float(np.where(live.intact, states.springs.k * e * e, 0.0).sum())
+
+
+def rigid(live: Live, states: States) -> bool:
+    """Whether the body at the load factor 1 moves, if at all, without strain."""
+    e = np.abs(states.map @ live.u.ravel())[live.intact].max(initial=0.0)
+    return bool(e <= 1e-10 * np.abs(live.u).max())
 
 
 def check_loaded(rows: Any, stopped: str) -> None:

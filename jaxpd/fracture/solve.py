@@ -122,6 +122,8 @@ def solve_fracture(
         solver = _solver(fracture) if softening is None else "direct"
     if ties is None:
         ties = TIES if solver == "direct" else max(TIES, 1000.0 * rtol)
+    if end is not None and not isinstance(end, Region):
+        raise ValueError(f"end: {end!r} must be a region, as box(..)")
     if isinstance(watch, Region):
         raise ValueError(f"watch: {watch} must be a list, as in [region]")
     for region in watch:
@@ -221,11 +223,10 @@ def _check(
         good = np.isfinite(some).all() and (rising or softening is not None)
         if some.ndim != 1 or not len(some) or not good:
             raise ValueError(f"factors: {factors} must rise strictly, from above 0")
-    whole = few is None or (isinstance(few, int) and few >= 1)
-    if not whole or (few is not None and factors is None):
-        raise ValueError(
-            f"few: {few} must be a whole number from 1 on, and is for load steps"
-        )
+    if few is not None and not (isinstance(few, int) and few >= 1):
+        raise ValueError(f"few: {few} must be a whole number from 1 on")
+    if few is not None and factors is None:
+        raise ValueError(f"few: {few} is for load steps; give factors, as 0.02")
     if ties is not None and not 0 < ties < 1:
         raise ValueError(f"ties: {ties} must lie between 0 and 1; 1e-7 is round-off")
     if solver not in ("auto", "direct", *METHODS):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.fracture.events import SLACK, Limits, ended, over_critical
+from jaxpd.fracture.events import SLACK, Limits, ended, over_critical, rigid
 from jaxpd.fracture.live import Live
 from jaxpd.fracture.states import States
 
@@ -65,6 +65,8 @@ def march(
     while len(states.rows) < limits.states:
         ratio = over_critical(live, states, s_crit)
         top = float(ratio.max(initial=0.0))
+        if len(states.rows) == 1 and rigid(live, states):
+            return "severed: no bond is stretched"
         first = first or top
         states.rows[0]["first"] = first
         if not open_:
