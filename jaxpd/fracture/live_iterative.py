@@ -153,6 +153,7 @@ class IterativeLive:
             "factorisations": 0,
             "solves": 0,
             "iterations": 0,
+            "direct": 0,
         }
         self.intact = intact.copy()
         self._lost = np.flatnonzero(~intact)

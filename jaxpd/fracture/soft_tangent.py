@@ -24,8 +24,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from jaxpd.operators.constraints import fix
-from jaxpd.operators.soft_springs import SpringTangent
-from jaxpd.operators.springs import Springs
+from jaxpd.operators.springs import Springs, SpringTangent
 from jaxpd.solvers.downdate import Downdated, Singular
 from jaxpd.solvers.linear import LinearSolver, solve_system
 from jaxpd.solvers.status import Status

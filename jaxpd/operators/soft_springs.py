@@ -7,65 +7,19 @@ for its derivatives.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-import scipy.sparse as sp
 
-from jaxpd._types import PointTensor, PointVector, Scalar
-from jaxpd.operators.springs import Springs
+from jaxpd._types import PointVector, Scalar
+from jaxpd.operators.springs import Springs, SpringTangent
 from jaxpd.physics.bilinear import Bilinear
 
 #: Stiffness of broken springs in the tangent, over that at first: points that came off
 #: stay where they are. No force comes of it.
 GHOST = 1e-10
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class SpringTangent:
-    """Stiffness of springs of any slopes; symmetric.
-
-    Attributes:
-        springs: whose ends and directions count.
-        slope: derivative of each tension in the elongation [b] (N/m).
-        count: number of points n.
-    """
-
-    springs: Springs
-    slope: Any
-    count: int = field(metadata={"static": True})
-
-    symmetric = True
-
-    def mv(self, du: PointVector) -> PointVector:
-        """K du [n, d] (N)."""
-        pull = self.slope * self.springs.elongation(du)
-        return -self.springs.force(pull, self.count)
-
-    def diagonal(self) -> PointTensor:
-        """Block diagonal of K [n, d, d] (N/m)."""
-        blocks = self._blocks()
-        zero = jnp.zeros((self.count, *blocks.shape[1:]), blocks.dtype)
-        return zero.at[self.springs.i].add(blocks).at[self.springs.j].add(blocks)
-
-    def _blocks(self) -> Any:
-        n = self.springs.n
-        return self.slope[:, None, None] * n[:, :, None] * n[:, None, :]
-
-    def coo(self) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Rows and columns [4 b] and blocks of K; duplicates add up."""
-        i, j, blocks = self.springs.i, self.springs.j, self._blocks()
-        rows, columns = jnp.concatenate([i, j, i, j]), jnp.concatenate([i, j, j, i])
-        return rows, columns, jnp.concatenate([blocks, blocks, -blocks, -blocks])
-
-    def to_bsr(self) -> sp.csr_array:
-        """K as a sparse matrix on the host."""
-        B = self.springs.differences(self.count)
-        return (B.T @ B.multiply(np.asarray(self.slope)[:, None]).tocsr()).tocsr()
 
 
 @jax.tree_util.register_dataclass
