@@ -3,10 +3,15 @@
 Compilation is most of their time: unless XLA_FLAGS is set, even to nothing, code is
 compiled without optimisation and by the older emitters of fused loops, which take half
 the time of the newer ones. `.ci/run` sets it to nothing for the slow tests.
+
+Compiled code is kept as memory maps, thousands a test, and Linux ends a process that
+has more than 65 530 of them; so what was compiled is dropped in time.
 """
 
+import gc
 import os
 from importlib.metadata import version
+from pathlib import Path
 
 os.environ.setdefault(
     "XLA_FLAGS",
@@ -31,6 +36,17 @@ if os.environ["XLA_FLAGS"].startswith("--xla_backend_optimization_level=0"):
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+MAPS = Path("/proc/self/maps")
+MAPS_KEPT = 20_000  # one test may add 8 000
+
+
+@pytest.fixture(autouse=True)
+def maps_are_few():
+    yield
+    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MAPS_KEPT:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture
