@@ -3,9 +3,10 @@
 The rooms, in the order in which data walks through them: `geometry`, `physics`,
 `discretize`, `operators`, `solvers`; then the front desk: `laminate`, `scene`,
 `gallery`, `prepare` and `run` for statics, `fracture` for bodies that break slowly,
-`path` for load steps with a memory, `motion`, `launch` and `explicit` for motion, `io`,
-`plot`; and what looks back: `audit`, `crack_path`, `gradcheck`, `observe`, `inverse`,
-`descent`, `fitting`, `uncertainty`, `resample`.
+`path` for load steps with a memory, `motion`, `launch` and `explicit` for motion,
+`planner` for the least that will do, `io`, `plot`; and what looks back: `audit`,
+`crack_path`, `gradcheck`, `observe`, `inverse`, `descent`, `fitting`, `uncertainty`,
+`resample`.
 Importing does nothing; statics needs 64-bit floats, which the user turns on:
 
     jax.config.update("jax_enable_x64", True)
@@ -23,6 +24,7 @@ from jaxpd import (
     observe,
     operators,
     physics,
+    planner,
     plot,
     resample,
     solvers,
@@ -62,6 +64,7 @@ from jaxpd.motion import Motion
 from jaxpd.nodal import NodalProblem
 from jaxpd.path import Path, solve_path
 from jaxpd.physics import Voce, von_mises
+from jaxpd.planner import Plan, plan
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
 from jaxpd.record import Diverged, Run
@@ -92,6 +95,7 @@ __all__ = [
     "NodalProblem",
     "NotConverged",
     "Path",
+    "Plan",
     "Problem",
     "Relaxed",
     "Run",
@@ -137,6 +141,8 @@ __all__ = [
     "operators",
     "outlined",
     "physics",
+    "plan",
+    "planner",
     "plot",
     "prepare",
     "prepare_motion",

@@ -17,7 +17,8 @@ ROOMS = [
     "gallery", "body", "assembly", "model", "problem", "plies", "glue", "stack",
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
     "cuts", "launch", "run", "audit", "progress", "io", "fracture", "replay", "walk",
-    "path", "record", "explicit", "relaxed", "crack_path", "plot", "gradcheck",
+    "path", "record", "explicit", "relaxed", "planner", "crack_path", "plot",
+    "gradcheck",
     "observe", "inverse", "descent", "fitting", "uncertainty", "resample", "__init__",
     "__main__",
 ]  # fmt: skip

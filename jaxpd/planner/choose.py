@@ -1,0 +1,313 @@
+"""The door of the planner: `plan`, the cheapest adequate way to model a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxpd.laminate import Laminate
+from jaxpd.planner import error as errors
+from jaxpd.planner.duty import decide
+from jaxpd.planner.less import warnings_of
+from jaxpd.planner.look import breaks, chosen, elastic, follows, look, remembers
+from jaxpd.planner.plan import Plan
+from jaxpd.planner.wanted import candidates, theories
+from jaxpd.resolution import MLS, NODES, RKPM, Bonds
+from jaxpd.scene import Scene
+
+JOBS = ("static", "motion", "path", "fracture")
+#: What a user may fix.
+FIELDS = ("resolution", "kinematics", "operator", "solver", "dtype", "dt", "tangent")
+#: Relative error that is aimed at where none is asked for.
+ACCURACY = 0.01
+#: Most points that are planned without being asked for.
+MOST = 3_000_000
+
+
+def plan(
+    scene: Scene,
+    job: str = "auto",
+    *,
+    accuracy: float | None = None,
+    seconds: float | None = None,
+    duration: float | None = None,
+    times: Sequence[float] | None = None,
+    **fixed: Any,
+) -> Plan:
+    """Choose the cheapest adequate way to model a scene, and say why.
+
+    A resolution that the scene has is kept; one that was left out is chosen: of the
+    theories that can model the scene, each at rising resolutions, the cheapest that
+    meets the accuracy, or the most accurate that fits into the seconds.
+
+    Args:
+        scene: what to model.
+        job: "static", "motion", "path" (load steps with a memory) or "fracture" (slow);
+            "auto" is motion where a duration is given, a path where times are given or
+            the law has a memory, else static.
+        accuracy: wanted relative error of displacements; 0.01 where neither it nor
+            seconds are given.
+        seconds: most processor seconds, compilation included.
+        duration: of a motion (s).
+        times: of the load steps of a path.
+        **fixed: fields that are decided already: resolution, kinematics, operator,
+            solver, dtype, dt, tangent.
+
+    Returns:
+        A `Plan`: data, which prints as a table; `plan.run()` runs it, and
+        `changed(plan, ..)` plans again with further fields fixed.
+
+    Raises:
+        ValueError: naming the argument, its value and the cure; if no resolution meets
+            what is wanted, with the best that does not.
+    """
+    _check(job, accuracy, seconds, duration, fixed)
+    asked: dict[str, Any] = {
+        "job": job,
+        "accuracy": accuracy,
+        "seconds": seconds,
+        "duration": duration,
+        "times": times,
+        **fixed,
+    }
+    reasons: dict[str, str] = {}
+    job = _job(scene, job, duration, times, reasons)
+    steps = 10 if times is None else len(times)
+    for name in ("resolution", "kinematics"):
+        if name in fixed:
+            scene = dataclasses.replace(scene, **{name: fixed.pop(name)})
+            reasons[name] = "as asked"
+    if chosen(scene.resolution):
+        reasons.setdefault("resolution", "given by the scene")
+        found = _planned(scene, job, duration, steps, fixed, asked, reasons)
+    else:
+        wanted = (accuracy, seconds)
+        found = _wanted(scene, job, duration, steps, fixed, asked, wanted, reasons)
+    if seconds is not None and found.cost.seconds > seconds:
+        over = f"predicted {found.cost.seconds:.2g} s are above the {seconds:g} asked"
+        found = dataclasses.replace(found, warnings=(*found.warnings, over))
+    return found
+
+
+def changed(found: Plan, **fields: Any) -> Plan:
+    """A plan made again with further fields fixed, or other wishes.
+
+    Args:
+        found: the plan.
+        **fields: any argument of `plan` but the scene; None gives a field back to the
+            planner.
+    """
+    asked = found.asked | fields
+    scene = asked.pop("scene")
+    kept = {name: value for name, value in asked.items() if value is not None}
+    return plan(scene, **kept)
+
+
+def _check(
+    job: str,
+    accuracy: float | None,
+    seconds: float | None,
+    duration: float | None,
+    fixed: dict[str, Any],
+) -> None:
+    if job not in ("auto", *JOBS):
+        raise ValueError(f"job: {job!r} must be 'auto' or one of {JOBS}")
+    for name, value in (
+        ("accuracy", accuracy),
+        ("seconds", seconds),
+        ("duration", duration),
+    ):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name}: {value} must be positive, or left out")
+    if accuracy is not None and accuracy >= 1:
+        raise ValueError(f"accuracy: {accuracy} is a relative error, below 1")
+    for name in fixed:
+        if name not in FIELDS:
+            raise ValueError(f"{name}: is no field of a plan; they are {FIELDS}")
+
+
+def _job(
+    scene: Scene,
+    job: str,
+    duration: float | None,
+    times: Sequence[float] | None,
+    reasons: dict[str, str],
+) -> str:
+    if job != "auto":
+        reasons["job"] = "as asked"
+        return job
+    if duration is not None:
+        reasons["job"] = "a duration is given"
+        return "motion"
+    nodes = isinstance(scene.resolution, NODES)
+    if remembers(scene.material) or times is not None or (nodes and follows(scene)):
+        reasons["job"] = "the law has a memory, or conditions follow histories"
+        return "path"
+    if scene.starts:
+        raise ValueError(
+            "duration: None; a scene with starts moves: give the duration (s), or a job"
+        )
+    reasons["job"] = "no duration, no memory: equilibrium"
+    return "static"
+
+
+def _planned(
+    scene: Scene,
+    job: str,
+    duration: float | None,
+    steps: int,
+    fixed: dict[str, Any],
+    asked: dict[str, Any],
+    reasons: dict[str, str],
+) -> Plan:
+    """The plan of a scene with a resolution."""
+    seen = look(scene)
+    reasons = dict(reasons)
+    choice: dict[str, Any] = {
+        "theory": _theory(scene.resolution),
+        "resolution": scene.resolution,
+        "kinematics": scene.kinematics,
+    }
+    options, cost, more = decide(scene, job, seen, duration, steps, fixed)
+    for name, (value, why) in more.items():
+        choice[name] = value
+        reasons[name] = "as asked" if fixed.get(name) is not None else why
+    reasons.setdefault("kinematics", _why_kinematics(scene, job))
+    error, basis = _error(scene, job, seen, duration)
+    choice["points"] = seen.n
+    return Plan(
+        scene=scene,
+        job=job,
+        choice=choice,
+        options=options,
+        cost=cost,
+        error=error,
+        basis=basis,
+        reasons=reasons,
+        warnings=tuple(warnings_of(scene, seen, job)),
+        asked={"scene": scene, **asked},
+    )
+
+
+def _wanted(
+    scene: Scene,
+    job: str,
+    duration: float | None,
+    steps: int,
+    fixed: dict[str, Any],
+    asked: dict[str, Any],
+    wanted: tuple[float | None, float | None],
+    reasons: dict[str, str],
+) -> Plan:
+    """The cheapest plan that meets what is wanted, over theories and resolutions."""
+    accuracy, seconds = wanted
+    if accuracy is None and seconds is None:
+        accuracy = ACCURACY
+    names, why = theories(scene, job)
+    tried: list[Plan] = []
+    for name in names:
+        for level in candidates(scene, job, name):
+            fine = [dataclasses.replace(scene, resolution=one) for one in level]
+            if look(fine[0]).n > MOST:
+                break
+            new = [
+                _planned(one, job, duration, steps, fixed, asked, reasons)
+                for one in fine
+            ]
+            tried += new
+            # finer ones cost more
+            if seconds is not None and min(p.cost.seconds for p in new) > seconds:
+                break
+            if accuracy is not None and any(_miss(p) <= accuracy for p in new):
+                break
+    if not tried:
+        raise ValueError(
+            "resolution: none fits the body; say one, as Bonds(dx=.., m=..)"
+        )
+
+    enough = [p for p in tried if accuracy is None or _miss(p) <= accuracy]
+    affordable = [p for p in enough if seconds is None or p.cost.seconds <= seconds]
+    cheapest = accuracy is not None
+    if affordable:
+        key = (lambda p: p.cost.seconds) if cheapest else _miss
+        best = min(affordable, key=key)
+        words = f"cheapest of {len(tried)} tried" if cheapest else "most accurate"
+        words += f" for an error of {accuracy:g}" if accuracy else ""
+        words += f" within {seconds:g} s" if seconds else ""
+        doubts: tuple[str, ...] = ()
+    else:
+        pool = [p for p in tried if seconds is None or p.cost.seconds <= seconds]
+        best = min(pool or tried, key=_miss if pool else lambda p: p.cost.seconds)
+        words = f"best of {len(tried)} tried"
+        doubts = (
+            f"none of {len(tried)} resolutions is expected to meet"
+            + (f" an error of {accuracy:g}" if accuracy else "")
+            + (f" within {seconds:g} s" if seconds else ""),
+        )
+    told = best.reasons | {"theory": why, "resolution": words}
+    return dataclasses.replace(
+        best,
+        reasons=told,
+        warnings=(*doubts, *best.warnings),
+        asked={"scene": scene, **asked},
+    )
+
+
+def _miss(one: Plan) -> float:
+    return np.inf if one.error is None else one.error
+
+
+def _theory(resolution: Any) -> str:
+    one = resolution[0] if isinstance(resolution, list | tuple) else resolution
+    if isinstance(one, RKPM):
+        return "kernels, weak form"
+    return "MLS difference, strong form" if isinstance(one, MLS) else "bonds"
+
+
+def _why_kinematics(scene: Scene, job: str) -> str:
+    if job == "motion":
+        return "motion is always of finite displacements"
+    if isinstance(scene.resolution, NODES) or job == "fracture":
+        return "its theory is of small displacements"
+    if scene.kinematics == "small":
+        return "one linear solve, no Newton loop"
+    return "Newton's method; where strains are below 1e-3, 'small' saves the loop"
+
+
+def _error(
+    scene: Scene, job: str, seen: Any, duration: float | None
+) -> tuple[float | None, str]:
+    given = scene.resolution
+    first = given[0] if isinstance(given, list | tuple) else given
+    if job == "fracture":
+        return errors.of_cracks(seen.m)
+    if job == "motion":
+        error, basis = errors.of_waves(seen, _wave_length(scene))
+        if breaks(scene):
+            trapped, words = errors.of_cracks(seen.m)
+            return max(trapped, error or 0.0), words
+        return error, basis
+    own = isinstance(first, Bonds) and not elastic(scene.material)
+    if own and not isinstance(scene.body, Laminate):
+        return None, "the law is the user's own: refine(scene) measures"
+    return errors.expected(first, seen, bool(scene.loads))
+
+
+def _wave_length(scene: Scene) -> float | None:
+    """Speed times the shortest rise of a history (m), of one elastic material."""
+    material = scene.material[0] if isinstance(scene.material, list) else scene.material
+    E, rho = getattr(material, "E", None), getattr(material, "rho", None)
+    tables = [c.time for c in (*scene.supports, *scene.loads)]
+    rises = [
+        float(gap)
+        for t in tables
+        for gap, step in zip(np.diff(t.times), np.diff(t.factors), strict=True)
+        if step != 0 and np.isfinite(gap) and gap > 0
+    ]
+    if E is None or rho is None or not rises:
+        return None
+    speed = float(np.sqrt(np.max(np.asarray(E)) / np.min(np.asarray(rho))))
+    return 2.0 * speed * min(rises)

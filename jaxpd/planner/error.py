@@ -1,0 +1,119 @@
+"""How wrong a model of a scene is, from what was measured on problems with answers.
+
+Relative errors of displacements, for smooth data; corners, jumps and cracks shorter
+than a few horizons are worse. Where nothing that was measured applies it is None.
+
+    bonds      a share of 2 delta / L from the surfaces and one of the lattice
+    nodes      C (h / L)^p of a smooth solution
+    waves      (m dx k)^2 / 24 of the phase speed, k the wave number
+    fracture   what a lattice asks of a crack beyond G0
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from jaxpd.planner.look import Look
+from jaxpd.resolution import MLS, RKPM, Bonds
+
+#: Modulus near a face off the classical one, over the depth of a horizon, by correction
+#: (benchmarks/surfaces.py); and the opening of the cracked plate (convergence.py).
+SURFACE = {
+    "none": 0.34,
+    "lattice": 0.22,
+    "analytic": 0.22,
+    "energy": 0.07,
+    "force density": 0.16,
+    "fictitious": 0.01,
+}
+#: Modulus in the middle of a strip, off the classical one, m = 4 (surfaces.py).
+MIDDLE = {
+    "analytic": 0.008,
+    "energy": 0.007,
+    "force density": 0.115,
+    "fictitious": 0.007,
+}
+#: The same of the corrections that leave the lattice's own quadrature, by m.
+QUADRATURE = {3: 0.10, 4: 0.09, 6: 0.06, 8: 0.05}
+#: Opening of the cracked plate as h goes to 0 at fixed m, over the classical one, less
+#: 1 (benchmarks/convergence.py): what is left of the lattice under displacements.
+LATTICE = {3: 0.014, 4: 0.006, 6: 0.004, 8: 0.003}
+#: Energy that a brittle crack dissipates over G0, less 1 (fracture_static.py).
+TRAPPED = {3: 0.135, 4: 0.044, 5: 0.036, 6: 0.014}
+#: Error C and order p of nodes, from the moved cantilever (paper_rkpm.py) and the ring
+#: (work_precision.py).
+NODAL = {"RKPM": (0.081, 3.3), "SCNI": (0.78, 1.9), "MLS": (0.37, 2.0)}
+
+
+def of_bonds(resolution: Bonds, look: Look, loaded: bool) -> tuple[float, str]:
+    """Expected error of bonds at rest, and its basis.
+
+    Args:
+        resolution: of the body.
+        look: its sizes.
+        loaded: whether forces are prescribed, so that the modulus counts.
+    """
+    correction = resolution.correction or ("lattice" if look.regular else "analytic")
+    rim = SURFACE[correction] * 2.0 * look.m * look.dx / look.least
+    bulk = at(LATTICE, look.m)
+    basis = f"surfaces.py ({correction}), convergence.py (m = {look.m:.3g})"
+    if loaded and resolution.calibration != "lattice":
+        bulk += MIDDLE.get(correction) or at(QUADRATURE, look.m)
+        basis += "; modulus under loads"
+    if not look.regular:
+        bulk += 0.5 * look.spread / look.m
+        basis += "; irregular points"
+    return min(1.0, rim + bulk), basis
+
+
+def of_nodes(resolution: RKPM | MLS, look: Look) -> tuple[float, str]:
+    """Expected error of nodes, and its basis."""
+    name = type(resolution).__name__
+    if isinstance(resolution, RKPM):
+        name = "SCNI" if resolution.scheme == "SCNI" else "RKPM"
+        known = resolution.scheme in ("QCNI", "SCNI")
+        basis = "moved cantilever (paper_rkpm.py)"
+        if not known:
+            basis += f"; {resolution.scheme} is worse"
+    else:
+        basis = "thick ring (work_precision.py)"
+    C, p = NODAL[name]
+    return C * (look.dx / look.least) ** p, basis + "; corners and jumps are worse"
+
+
+def of_waves(look: Look, length: float | None) -> tuple[float | None, str]:
+    """Error of the phase speed of waves of a length (m), and its basis."""
+    if length is None:
+        return None, "no wave length in the scene; (2 pi delta / length)^2 / 24 is lost"
+    k = 2.0 * math.pi / length
+    return (
+        look.m * look.dx * k
+    ) ** 2 / 24.0, f"dispersion of waves {length:.2g} m long"
+
+
+def of_cracks(m: float) -> tuple[float, str]:
+    """What a brittle lattice takes of energy beyond G0, and its basis."""
+    return at(TRAPPED, m), "trapping of G0 (fracture_static.py); see jaxpd.trapping"
+
+
+def at(known: dict[int, float], m: float) -> float:
+    """A table of horizon ratios at any, by straight lines; ends are held."""
+    keys = sorted(known)
+    if m <= keys[0]:
+        return known[keys[0]]
+    if m >= keys[-1]:
+        return known[keys[-1]]
+    above = next(k for k in keys if k >= m)
+    below = max(k for k in keys if k < m)
+    share = (m - below) / (above - below)
+    return known[below] + share * (known[above] - known[below])
+
+
+def expected(resolution: Any, look: Look, loaded: bool) -> tuple[float, str]:
+    """Expected error of a body at rest, of bonds or nodes."""
+    if isinstance(resolution, list | tuple):
+        resolution = resolution[0]
+    if isinstance(resolution, Bonds):
+        return of_bonds(resolution, look, loaded)
+    return of_nodes(resolution, look)
