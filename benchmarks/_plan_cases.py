@@ -128,7 +128,8 @@ FITTED = {
         {"duration": 20e-6, "records": 20},
     ),
     "bar wave": Case(
-        g.bar_wave, MOTION, "motion", {"duration": 1.0, "records": 10}, False, "bar_wave"
+        g.bar_wave, MOTION, "motion", {"duration": 1.0, "records": 10}, False,
+        "bar_wave",
     ),
     "peeled beam": Case(
         g.peeled_beam, SOME, "motion", {"duration": 20.0, "records": 10}, False,

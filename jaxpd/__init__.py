@@ -50,6 +50,7 @@ from jaxpd.geometry import (
     ball,
     below,
     box,
+    from_mesh,
     from_points,
     lattice,
     mapped,
@@ -64,6 +65,7 @@ from jaxpd.motion import Motion
 from jaxpd.nodal import NodalProblem
 from jaxpd.path import Path, solve_path
 from jaxpd.physics import Voce, von_mises
+from jaxpd.picture import picture
 from jaxpd.planner import Plan, plan
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
@@ -72,6 +74,7 @@ from jaxpd.relaxed import Relaxed, solve_relaxed
 from jaxpd.resolution import MLS, RKPM, Bonds, conical, constant, fractional, gaussian
 from jaxpd.run import Solution, keep_compiled, solve_static
 from jaxpd.scene import Elastic, Scene, Solid
+from jaxpd.scene_file import SceneFile, load_scene, save_scene
 from jaxpd.schedule import Table, ramp, table
 from jaxpd.solvers.status import NotConverged, Status
 from jaxpd.stack import Stack
@@ -100,6 +103,7 @@ __all__ = [
     "Relaxed",
     "Run",
     "Scene",
+    "SceneFile",
     "Solid",
     "Solution",
     "Stack",
@@ -123,6 +127,7 @@ __all__ = [
     "fitting",
     "fractional",
     "fracture",
+    "from_mesh",
     "from_points",
     "gallery",
     "gaussian",
@@ -135,12 +140,14 @@ __all__ = [
     "keep_compiled",
     "laminate",
     "lattice",
+    "load_scene",
     "mapped",
     "moves",
     "observe",
     "operators",
     "outlined",
     "physics",
+    "picture",
     "plan",
     "planner",
     "plot",
@@ -152,6 +159,7 @@ __all__ = [
     "rectangle",
     "resample",
     "run_explicit",
+    "save_scene",
     "segment",
     "solve_fracture",
     "solve_path",

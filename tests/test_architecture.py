@@ -18,9 +18,9 @@ ROOMS = [
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",
     "cuts", "launch", "run", "audit", "progress", "io", "fracture", "replay", "walk",
     "path", "record", "explicit", "relaxed", "planner", "crack_path", "plot",
-    "gradcheck",
+    "picture", "scene_file", "gradcheck",
     "observe", "inverse", "descent", "fitting", "uncertainty", "resample", "__init__",
-    "__main__",
+    "command", "main_job", "__main__",
 ]  # fmt: skip
 FILES = sorted(PACKAGE.rglob("*.py"))
 EXTRAS = {"matplotlib", "meshio", "tqdm"}

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 import jaxpd
-import jaxpd.__main__
+import jaxpd.main_job
 from jaxpd.__main__ import main
 
 
@@ -76,7 +76,7 @@ def test_a_missing_extra_is_named(tmp_path):
 
 def test_a_solve_that_fails_says_so(capsys, tmp_path, monkeypatch):
     limited = functools.partial(jaxpd.solve_static, linear_maxiter=3)
-    monkeypatch.setattr(jaxpd.__main__, "solve_static", limited)
+    monkeypatch.setattr(jaxpd.main_job, "solve_static", limited)
     assert main(["--n", "16", "--m", "3", "--out", str(tmp_path)]) == 1
     err = capsys.readouterr().err
     assert "Newton: MAX_ITERATIONS after" in err

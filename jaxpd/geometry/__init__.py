@@ -13,6 +13,7 @@ from jaxpd.geometry.crack import Crack, rectangle, segment
 from jaxpd.geometry.family import Family, find
 from jaxpd.geometry.grid_family import GridFamily, find_on_grid, without
 from jaxpd.geometry.mapped import box_nodes, mapped
+from jaxpd.geometry.mesh import from_mesh, read_points
 from jaxpd.geometry.outline import outlined
 from jaxpd.geometry.region import (
     Ball,
@@ -48,6 +49,7 @@ __all__ = [
     "find",
     "find_on_grid",
     "free_modes",
+    "from_mesh",
     "from_points",
     "grid_loose_points",
     "grid_pieces",
@@ -56,6 +58,7 @@ __all__ = [
     "mapped",
     "outlined",
     "pieces",
+    "read_points",
     "rectangle",
     "rigid_modes",
     "rim",

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.laminate import Laminate
 from jaxpd.planner import error as errors
 from jaxpd.planner.duty import decide
 from jaxpd.planner.less import warnings_of
-from jaxpd.planner.look import breaks, chosen, elastic, follows, look, remembers
+from jaxpd.planner.look import chosen, follows, look, remembers
 from jaxpd.planner.plan import Plan
 from jaxpd.planner.wanted import candidates, theories
-from jaxpd.resolution import MLS, NODES, RKPM, Bonds
+from jaxpd.resolution import MLS, NODES, RKPM
 from jaxpd.scene import Scene
 
 JOBS = ("static", "motion", "path", "fracture")
@@ -176,7 +175,7 @@ def _planned(
         choice[name] = value
         reasons[name] = "as asked" if fixed.get(name) is not None else why
     reasons.setdefault("kinematics", _why_kinematics(scene, job))
-    error, basis = _error(scene, job, seen, duration)
+    error, basis = errors.of_scene(scene, job, seen)
     choice["points"] = seen.n
     return Plan(
         scene=scene,
@@ -275,39 +274,3 @@ def _why_kinematics(scene: Scene, job: str) -> str:
     if scene.kinematics == "small":
         return "one linear solve, no Newton loop"
     return "Newton's method; where strains are below 1e-3, 'small' saves the loop"
-
-
-def _error(
-    scene: Scene, job: str, seen: Any, duration: float | None
-) -> tuple[float | None, str]:
-    given = scene.resolution
-    first = given[0] if isinstance(given, list | tuple) else given
-    if job == "fracture":
-        return errors.of_cracks(seen.m)
-    if job == "motion":
-        error, basis = errors.of_waves(seen, _wave_length(scene))
-        if breaks(scene):
-            trapped, words = errors.of_cracks(seen.m)
-            return max(trapped, error or 0.0), words
-        return error, basis
-    own = isinstance(first, Bonds) and not elastic(scene.material)
-    if own and not isinstance(scene.body, Laminate):
-        return None, "the law is the user's own: refine(scene) measures"
-    return errors.expected(first, seen, bool(scene.loads))
-
-
-def _wave_length(scene: Scene) -> float | None:
-    """Speed times the shortest rise of a history (m), of one elastic material."""
-    material = scene.material[0] if isinstance(scene.material, list) else scene.material
-    E, rho = getattr(material, "E", None), getattr(material, "rho", None)
-    tables = [c.time for c in (*scene.supports, *scene.loads)]
-    rises = [
-        float(gap)
-        for t in tables
-        for gap, step in zip(np.diff(t.times), np.diff(t.factors), strict=True)
-        if step != 0 and np.isfinite(gap) and gap > 0
-    ]
-    if E is None or rho is None or not rises:
-        return None
-    speed = float(np.sqrt(np.max(np.asarray(E)) / np.min(np.asarray(rho))))
-    return 2.0 * speed * min(rises)

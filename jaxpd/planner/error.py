@@ -14,8 +14,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from jaxpd.planner.look import Look
+import numpy as np
+
+from jaxpd.laminate import Laminate
+from jaxpd.planner.look import Look, breaks, elastic
 from jaxpd.resolution import MLS, RKPM, Bonds
+from jaxpd.scene import Scene
 
 #: Modulus near a face off the classical one, over the depth of a horizon, by correction
 #: (benchmarks/surfaces.py); and the opening of the cracked plate (convergence.py).
@@ -117,3 +121,38 @@ def expected(resolution: Any, look: Look, loaded: bool) -> tuple[float, str]:
     if isinstance(resolution, Bonds):
         return of_bonds(resolution, look, loaded)
     return of_nodes(resolution, look)
+
+
+def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
+    """Expected error of a scene with a resolution, None if unknown, and its basis."""
+    given = scene.resolution
+    first = given[0] if isinstance(given, list | tuple) else given
+    if job == "fracture":
+        return of_cracks(seen.m)
+    if job == "motion":
+        error, basis = of_waves(seen, _wave_length(scene))
+        if breaks(scene):
+            trapped, words = of_cracks(seen.m)
+            return max(trapped, error or 0.0), words
+        return error, basis
+    own = isinstance(first, Bonds) and not elastic(scene.material)
+    if own and not isinstance(scene.body, Laminate):
+        return None, "the law is the user's own: refine(scene) measures"
+    return expected(first, seen, bool(scene.loads))
+
+
+def _wave_length(scene: Scene) -> float | None:
+    """Speed times the shortest rise of a history (m), of one elastic material."""
+    material = scene.material[0] if isinstance(scene.material, list) else scene.material
+    E, rho = getattr(material, "E", None), getattr(material, "rho", None)
+    tables = [c.time for c in (*scene.supports, *scene.loads)]
+    rises = [
+        float(gap)
+        for t in tables
+        for gap, step in zip(np.diff(t.times), np.diff(t.factors), strict=True)
+        if step != 0 and np.isfinite(gap) and gap > 0
+    ]
+    if E is None or rho is None or not rises:
+        return None
+    speed = float(np.sqrt(np.max(np.asarray(E)) / np.min(np.asarray(rho))))
+    return 2.0 * speed * min(rises)
