@@ -1,0 +1,235 @@
+"""The planner: choices that the scene asks for, in words; overrides; warnings."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import jaxpd
+from jaxpd import gallery
+from jaxpd.planner import changed
+from jaxpd.planner.look import look
+
+STRIP = jaxpd.Scene(
+    body=jaxpd.box((0.0, 0.0), (2.0, 1.0)),
+    material=jaxpd.Elastic(1.0, nu=1 / 3, state="plane stress"),
+    supports=[jaxpd.holds(jaxpd.below(x=0.0))],
+    loads=[jaxpd.traction(jaxpd.above(x=2.0), y=1e-3)],
+    kinematics="small",
+)
+
+
+def test_what_a_lattice_is_solved_with():
+    plan = jaxpd.plan(gallery.cracked_plate(64, 8, kinematics="small"))
+    assert plan.choice["operator"] == "fft"
+    assert plan.choice["memory"] == "none"
+    assert "no Newton loop" in plan.reasons["kinematics"]
+    assert jaxpd.plan(gallery.cracked_plate(64, 8)).choice["operator"] == "stencil"
+    law = jaxpd.physics.pmb(1.0, 1 / 3, "plane stress", 2, 0.25)
+    fields = dataclasses.replace(gallery.cracked_plate(16, 4), material=law)
+    assert jaxpd.plan(fields).choice["operator"] == "stencil"
+
+
+def test_the_plan_runs_as_it_says():
+    plan = jaxpd.plan(gallery.cracked_plate(16, 4, kinematics="small"))
+    solution = plan.run().checked()
+    assert solution.problem.spec.operator == plan.choice["operator"]
+    assert solution.problem.linear.method == plan.choice["solver"]
+    assert len(solution.X) == plan.choice["points"]
+
+
+@pytest.mark.parametrize(
+    ("make", "job", "options"),
+    [
+        (lambda: gallery.cracked_plate(33, 5), "static", {}),
+        (lambda: gallery.branching_plate(3, 4e-3), "motion", {"duration": 1e-6}),
+        (gallery.struck_laminate, "motion", {"duration": 1e-6}),
+        (lambda: gallery.cantilever((9, 5), jitter=0.3), "static", {}),
+        (gallery.pressed_ring, "path", {"times": [0.5, 1.0]}),
+        (gallery.double_cantilever, "fracture", {}),
+    ],
+)
+def test_points_are_counted_without_being_made(make, job, options):
+    scene = make()
+    plan = jaxpd.plan(scene, job, **options)
+    if job == "motion":
+        n = len(jaxpd.prepare_motion(scene).X)
+    elif job == "fracture":
+        n = len(jaxpd.fracture.prepare_fracture(scene).X)
+    else:
+        n = len(jaxpd.prepare(scene).X)
+    assert plan.choice["points"] == n
+    assert plan.job == job
+    assert plan.cost.seconds >= plan.cost.compile > 0
+    assert plan.cost.bytes > 1e8
+
+
+def test_the_job_follows_from_what_is_given():
+    assert jaxpd.plan(gallery.branching_plate(), duration=1e-5).job == "motion"
+    assert jaxpd.plan(gallery.plastic_bar()).job == "path"
+    assert jaxpd.plan(gallery.cracked_plate()).job == "static"
+    with pytest.raises(ValueError, match="duration: None; a scene with starts"):
+        jaxpd.plan(gallery.bar_wave())
+    with pytest.raises(ValueError, match="times: a path needs one"):
+        jaxpd.plan(gallery.plastic_bar()).run()
+
+
+def test_time_steps_are_close_to_the_stable_one():
+    for scene in (gallery.branching_plate(), gallery.bar_wave(), gallery.peeled_beam()):
+        motion = jaxpd.prepare_motion(scene)
+        true = 0.8 * jaxpd.explicit.longest_dt(motion)
+        plan = jaxpd.plan(scene, duration=100 * true)
+        assert 0.7 < plan.choice["dt"] / true < 1.4
+
+
+def test_precision_and_memory_follow_what_can_break():
+    glass = jaxpd.plan(gallery.branching_plate(), duration=1e-5)
+    assert glass.choice["dtype"] == "float32"
+    assert glass.choice["memory"] == "one bit a bond"
+    wave = jaxpd.plan(gallery.bar_wave(), duration=1.0)
+    assert wave.choice["dtype"] == "float64"
+    assert "no" in wave.choice["memory"]
+
+
+def test_what_is_left_out_is_chosen_by_accuracy():
+    coarse, fine = (jaxpd.plan(STRIP, accuracy=a) for a in (1e-2, 1e-6))
+    assert coarse.choice["theory"] != "bonds"
+    assert coarse.error <= 1e-2
+    assert fine.error <= 1e-6
+    assert fine.choice["points"] > coarse.choice["points"]
+    assert fine.cost.seconds > coarse.cost.seconds
+    assert coarse.run().checked().u.shape == (coarse.choice["points"], 2)
+
+
+def test_a_crack_asks_for_bonds_and_its_plane_lies_between_rows():
+    cracked = dataclasses.replace(STRIP, cracks=[jaxpd.segment((0.5, 0.4), (1.0, 0.4))])
+    plan = jaxpd.plan(cracked, accuracy=0.05)
+    assert plan.choice["theory"] == "bonds"
+    assert "absent" in plan.reasons["theory"]
+    X = np.asarray(jaxpd.prepare(plan.scene).X)
+    gap = np.abs(X[:, 1] - 0.4).min()
+    assert gap == pytest.approx(0.5 * plan.scene.resolution.dx, rel=1e-9)
+
+
+def test_time_may_be_what_is_given():
+    cracked = dataclasses.replace(STRIP, cracks=[jaxpd.segment((0.5, 0.5), (1.0, 0.5))])
+    little, much = (jaxpd.plan(cracked, seconds=s) for s in (2.0, 20.0))
+    assert little.cost.seconds <= 2.0
+    assert much.error < little.error
+    short = jaxpd.plan(gallery.cracked_plate(), seconds=0.01)
+    assert "above the 0.01 asked" in short.warnings[-1]
+    none = jaxpd.plan(cracked, accuracy=1e-6)
+    assert "none of" in none.warnings[0]
+
+
+def test_every_field_can_be_overridden():
+    plan = jaxpd.plan(gallery.cracked_plate(32, 4, kinematics="small"))
+    other = changed(plan, solver="multigrid", operator="stencil")
+    assert other.choice["solver"] == "multigrid"
+    assert other.choice["operator"] == "stencil"
+    assert other.reasons["solver"] == "as asked"
+    assert changed(other, solver=None).choice["solver"] == plan.choice["solver"]
+    assert changed(plan, kinematics="finite").scene.kinematics == "finite"
+    bonds = jaxpd.Bonds(dx=1 / 16, m=4)
+    assert changed(plan, resolution=bonds).scene.resolution == bonds
+    motion = jaxpd.plan(gallery.bar_wave(), duration=1.0)
+    assert changed(motion, dtype="float32", dt=1e-3).run().dt <= 1e-3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"job": "statik"}, "job: 'statik' must be"),
+        ({"accuracy": -1.0}, "accuracy: -1.0 must be positive"),
+        ({"accuracy": 2.0}, "accuracy: 2.0 is a relative error"),
+        ({"seconds": float("nan")}, "seconds: nan must be positive"),
+        ({"duration": 0.0}, "duration: 0.0 must be positive"),
+        ({"solvr": "amg"}, "solvr: is no field of a plan"),
+        ({"dt": 1.0}, "dt: 1.0 is no choice of a static"),
+    ],
+)
+def test_what_makes_no_plan_is_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        jaxpd.plan(gallery.cracked_plate(16, 4), **arguments)
+
+
+def block(**change):
+    given = {
+        "supports": [jaxpd.moves(jaxpd.below(x=0.0), x=0.0)],
+        "loads": [jaxpd.traction(jaxpd.above(x=1.0), x=1e-3)],
+    }
+    return jaxpd.Scene(
+        body=jaxpd.box((0, 0, 0), (1, 1, 1)),
+        material=jaxpd.Elastic(1.0, nu=0.25, state="solid"),
+        resolution=jaxpd.Bonds(dx=1 / 16, m=3),
+        kinematics="small",
+        **(given | change),
+    )
+
+
+def superfluous(scene):
+    found = jaxpd.plan(scene).warnings
+    return {w.split()[3][0] for w in found if w.startswith("nothing depends on")}
+
+
+def test_a_plane_scene_in_3d_is_told():
+    assert superfluous(block()) == {"y", "z"}
+    held = [jaxpd.holds(jaxpd.below(x=0.0))]  # keeps the face from contracting
+    assert superfluous(block(supports=held)) == set()
+    everywhere = jaxpd.moves(jaxpd.box((-1, -1, -1), (2, 2, 2)), z=0.0)
+    strain = block(supports=[jaxpd.moves(jaxpd.below(x=0.0), x=0.0), everywhere])
+    assert any("plane strain" in w for w in jaxpd.plan(strain).warnings)
+    half = [jaxpd.traction(jaxpd.above(y=1.0), x=1e-3)]
+    assert superfluous(block(loads=half)) == {"z"}
+    crack = jaxpd.rectangle((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0))
+    assert superfluous(block(cracks=[crack])) == {"z"}
+    ball = [jaxpd.body_force(jaxpd.ball((0.5, 0.5, 0.5), 0.2), x=1e-3)]
+    assert superfluous(block(loads=ball)) == set()
+
+
+def test_a_plate_that_is_a_bar_is_told_and_is_one():
+    ends = {
+        "supports": [jaxpd.moves(jaxpd.below(x=0.0), x=0.0)],
+        "loads": [jaxpd.traction(jaxpd.above(x=2.0), x=1e-3)],
+        "resolution": jaxpd.RKPM(dx=0.25),
+    }
+    plate = dataclasses.replace(STRIP, **ends)
+    assert superfluous(plate) == {"y"}
+    hold = jaxpd.moves(jaxpd.ball((0.0, 0.0), 1e-6), y=0.0)
+    held = dataclasses.replace(plate, supports=[*plate.supports, hold])
+    u = np.asarray(jaxpd.solve_static(held).checked().u)
+    X = np.asarray(jaxpd.prepare(held).X)
+    np.testing.assert_allclose(u[:, 0], 1e-3 * X[:, 0], atol=1e-12)  # of a bar
+
+
+def test_other_warnings():
+    strength = jaxpd.Elastic(1.0, nu=1 / 3, state="plane stress", G0=1.0)
+    scene = dataclasses.replace(
+        STRIP, material=strength, resolution=jaxpd.Bonds(dx=0.125, m=2)
+    )
+    found = " ".join(jaxpd.plan(scene).warnings)
+    assert "bonds of a static solve do not break" in found
+    assert "below 3 a lattice has few directions" in found
+    wide = dataclasses.replace(STRIP, resolution=jaxpd.Bonds(dx=0.125, m=4))
+    assert "surfaces are everywhere" in " ".join(jaxpd.plan(wide).warnings)
+
+
+def test_a_plan_prints_and_is_data():
+    plan = jaxpd.plan(STRIP, accuracy=0.01)
+    table = str(plan)
+    for name in (*plan.choice, "job", "time", "error"):
+        assert f"\n{name} " in f"\n{table}"
+    for why in plan.reasons.values():
+        assert why.split()[0] in table
+    json.dumps(plan.as_dict())
+
+
+def test_irregular_nodes_are_measured():
+    even, moved = (
+        look(gallery.cantilever((25, 13), jitter=j)).spread for j in (0.0, 0.3)
+    )
+    assert even < 1e-9
+    assert 0.1 < moved < 0.3
+    plan = jaxpd.plan(gallery.cantilever((25, 13), jitter=0.3))
+    assert "nodes uneven by" in plan.reasons["scheme"]
