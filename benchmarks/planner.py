@@ -56,7 +56,7 @@ def measured(scene: str, way: dict[str, Any]) -> dict[str, Any]:
     try:
         run(CASES[scene], way)
         failed = None
-    except jaxpd.NotConverged as error:
+    except (jaxpd.NotConverged, ValueError) as error:  # a way that is not open
         failed = str(error)
     return {
         "wall": time.perf_counter() - wall,

@@ -70,6 +70,7 @@ from jaxpd.planner import Plan, plan
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
 from jaxpd.record import Diverged, Run
+from jaxpd.refinement import Refinement, refine
 from jaxpd.relaxed import Relaxed, solve_relaxed
 from jaxpd.resolution import MLS, RKPM, Bonds, conical, constant, fractional, gaussian
 from jaxpd.run import Solution, keep_compiled, solve_static
@@ -100,6 +101,7 @@ __all__ = [
     "Path",
     "Plan",
     "Problem",
+    "Refinement",
     "Relaxed",
     "Run",
     "Scene",
@@ -157,6 +159,7 @@ __all__ = [
     "pull",
     "ramp",
     "rectangle",
+    "refine",
     "resample",
     "run_explicit",
     "save_scene",
