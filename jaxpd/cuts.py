@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxpd.geometry import Cloud, GridFamily, find_on_grid
 from jaxpd.geometry.crack import check_dimension
-from jaxpd.operators.row import row_of, start_bits
+from jaxpd.operators.row import places_taken, row_of, start_bits
 from jaxpd.scene import Scene
 
 
@@ -33,9 +33,21 @@ def cut_bonds(scene: Scene, cloud: Cloud, X: Any, family: Any, delta: float) -> 
 
 
 def memory_of(
-    family: Any, cut: Any, order: Any, kind: str, start: Any, dtype: str
+    family: Any, cut: Any, order: Any, kind: str, start: Any, dtype: str, whole: bool
 ) -> Any:
-    """The memory of the bonds at time 0, as the operator of that kind keeps it."""
+    """The memory of the bonds at time 0, as the operator of that kind keeps it.
+
+    Args:
+        family: the bonds.
+        cut: which of them cracks cut, or None.
+        order: numbers of the points along a curve, for "slots".
+        kind: of the operator.
+        start: memory of an untouched bond.
+        dtype: of numbers.
+        whole: whether no bond is ever cut: then none has a flag on a lattice.
+    """
+    if kind == "halves" and whole:
+        return jax.device_put(places_taken(row_of(family.shape, family.offsets)))
     if kind == "halves":
         return jax.device_put(start_bits(row_of(family.shape, family.offsets), cut))
     nbr = np.asarray(family.nbr)

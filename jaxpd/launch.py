@@ -159,7 +159,8 @@ def prepare_motion(
     cut = cut_bonds(scene, cloud, points, family, delta)
     law = params.get("law", Softening if softening is not None else Brittle)
     begin, untouched = (
-        memory_of(family, x, order, kind, law.start, dtype) for x in (cut, None)
+        memory_of(family, x, order, kind, law.start, dtype, cut is None and not breaks)
+        for x in (cut, None)
     )
     return Motion(problem, params, fixed, begin, untouched, vol, no_fail, order, course)
 

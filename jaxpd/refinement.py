@@ -293,7 +293,7 @@ def _spacings(scene: Scene, ratio: float, levels: int) -> list[float]:
 
 
 def _off_rows(scene: Scene) -> list[str]:
-    """Notes on cracks that lie in another way to the points than midway between rows."""
+    """Notes on cracks that lie otherwise than midway between rows of points."""
     if not scene.cracks or not isinstance(scene.body, Box):
         return []
     dx, lo = scene.resolution.dx, np.asarray(scene.body.lo)

@@ -33,7 +33,7 @@ from jax import lax
 
 from jaxpd._types import BondScalar, PointScalar, PointTensor, PointVector, Scalar
 from jaxpd.geometry.grid_family import GridFamily
-from jaxpd.operators.halves_rule import pull_back, slice_of
+from jaxpd.operators.halves_rule import flags, pull_back, slice_of
 from jaxpd.operators.lattice import full_blocks, index_pairs
 from jaxpd.operators.row import Row, row_of
 
@@ -53,7 +53,8 @@ class HalfForce:
         scale: factor of every bond [k, n] (-), at its first end, or None.
         share: share of a neighbour's volume within the horizon [k] (-), for damage.
         family: the bonds, none cut.
-        breaks: whether bonds can break; else bits stay as they are.
+        breaks: whether bonds can break; else bits stay as they are, and where none is
+            cut there is one a place instead of one a bond.
         reverse: whether reverse mode uses the hand-derived rule; forward mode and
             second derivatives need the plain path.
     """
@@ -144,6 +145,7 @@ class HalfForce:
         c, v, s = self.fields(dtype)
         shared = jnp.asarray(self.s_crit, dtype)
         numbers = jnp.arange(G, dtype=jnp.uint8)
+        words, there = flags(bits, row)
 
         def add(force, item):
             word, (hop, xi, r, k, scale) = item
@@ -153,7 +155,7 @@ class HalfForce:
                 far = partial(slice_of, start=hop, size=S + L)
                 eta = [far(x) - x[: S + L] for x in U]
                 p = sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
-                live = (word >> number) & 1 != 0
+                live = there(word, number, hop)
                 if self.breaks:
                     limit = shared if s is None else 0.5 * (far(s) + s[: S + L])
                     live &= p <= r * r * limit * (2.0 + limit)
@@ -190,7 +192,7 @@ class HalfForce:
             return tuple(total), bits
 
         zero = tuple(jnp.zeros(L, dtype) for _ in range(d))
-        force, after = lax.scan(add, zero, (bits, self.items()))
+        force, after = lax.scan(add, zero, (words, self.items()))
         return jnp.stack(force), after if self.breaks else bits
 
     def _sweep(self, bits: jax.Array, measure: Callable[..., Any], size: int) -> Any:
@@ -216,14 +218,15 @@ class HalfForce:
                 k = k * 2.0 / (far(v) + v[near])
             k = k if scale is None else k * scale
             value = measure(far, near, xi, r, k, slot)
-            value: Any = jnp.where((word >> number) & 1 != 0, value, 0.0)
-            there = lax.dynamic_slice_in_dim(value, S - hop, L, axis=1)
-            return sums + value[:, S:] + there, None
+            value: Any = jnp.where(live(word, number, hop), value, 0.0)
+            back = lax.dynamic_slice_in_dim(value, S - hop, L, axis=1)
+            return sums + value[:, S:] + back, None
 
         items = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), self.items())
         count = len(items[0])
         at = np.arange(count, dtype=np.uint8)
-        words = jnp.asarray(bits)[at // row.group]
+        every, live = flags(jnp.asarray(bits), row)
+        words = every[at // row.group]
         slots = np.minimum(np.arange(count), len(row.offsets) - 1)
         xs = (words, at % row.group, *items, slots)
         return lax.scan(add, jnp.zeros((size, L), dtype), xs)[0]

@@ -6,6 +6,7 @@ of a force. The rule is one sweep more.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -19,6 +20,26 @@ from jaxpd._types import PointScalar, PointVector
 def slice_of(row: jax.Array, start: Any, size: int) -> jax.Array:
     """The part [size] of a row that starts at a traced place."""
     return lax.dynamic_slice_in_dim(row, start, size)
+
+
+def flags(bits: jax.Array, row: Any) -> tuple[jax.Array, Callable[..., jax.Array]]:
+    """A word of each group of offsets, and which bonds of an offset there are.
+
+    Args:
+        bits: one a bond [groups, margin + length]; or, where none can break and none is
+            cut, one a place that holds a point [margin + length + margin].
+        row: how the lattice is laid out.
+    """
+    if bits.ndim == 2:
+        return bits, lambda word, number, hop: (word >> number) & 1 != 0
+    size = row.margin + row.length
+
+    def there(word: Any, number: Any, hop: Any) -> jax.Array:
+        both = bits[:size] & slice_of(bits, hop, size)
+        return (both != 0) & (hop > 0)  # 0 fills the last group up
+
+    groups = -(-len(row.offsets) // row.group)
+    return jnp.zeros((groups, 1), jnp.uint8), there
 
 
 def pull_back(
@@ -35,6 +56,7 @@ def pull_back(
     U, T = ([jnp.pad(x, (S, S)) for x in rows] for rows in (u, ct))
     c, v, _ = op.fields(dtype)
     numbers = jnp.arange(G, dtype=jnp.uint8)
+    words, there = flags(bits, row)
 
     def add(sums, item):
         word, (hop, xi, r, k, _) = item
@@ -52,7 +74,7 @@ def pull_back(
             far = partial(slice_of, start=hop, size=S + L)
             eta = [far(x) - x[: S + L] for x in U]
             p = sum(e * (e + 2.0 * xi[a]) for a, e in enumerate(eta))
-            live = (word >> number) & 1 != 0
+            live = there(word, number, hop)
             p = jnp.where(live, p, 0.0)  # no root of a loose pair
             l2 = r * r + p
             length = jnp.sqrt(l2)
@@ -100,7 +122,7 @@ def pull_back(
 
     zero = jnp.zeros(L, dtype)
     (ubar, cbar, vbar), per_stiff = lax.scan(
-        add, ((zero,) * d, zero, zero), (bits, op.items())
+        add, ((zero,) * d, zero, zero), (words, op.items())
     )
     return (
         jnp.stack(ubar),

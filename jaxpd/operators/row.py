@@ -110,6 +110,13 @@ def row_of(shape: tuple[int, ...], offsets: tuple[tuple[int, ...], ...]) -> Row:
     return Row(shape, offsets)
 
 
+def places_taken(row: Row) -> NDArray[np.uint8]:
+    """Places that hold a point [margin + length + margin]. Host only."""
+    taken = np.zeros(2 * row.margin + row.length, np.uint8)
+    taken[row.margin + row.places] = 1
+    return taken
+
+
 def start_bits(row: Row, cut: Any = None) -> NDArray[np.uint8]:
     """Bits [groups, margin + length] of the bonds of a lattice. Host only.
 
