@@ -28,7 +28,7 @@ from jaxpd.operators.strong import untouched
 from jaxpd.operators.weak import WeakForce, evenhanded
 from jaxpd.solvers.amg import build_hierarchy
 from jaxpd.solvers.implicit import equilibrium
-from jaxpd.solvers.linear import METHODS, LinearSolver, linear_solver
+from jaxpd.solvers.linear import LinearSolver, linear_solver, methods
 from jaxpd.solvers.newton import Newton, NewtonInfo
 
 
@@ -214,7 +214,7 @@ class GalerkinProblem:
         even = evenhanded(self.params["law"])
         symmetric = self.layout.scheme.symmetric and even
         general = ("direct", "gmres", "bicgstab")
-        if not symmetric and method in METHODS and method not in general:
+        if not symmetric and method in methods() and method not in general:
             raise ValueError(
                 f"solver: {method!r} is for symmetric tangents, and the "
                 f"{'scheme' if even else 'material'} makes none; use one of {general}"

@@ -41,7 +41,7 @@ from jaxpd.problem import OPERATORS, Params, Problem, Spec, first_tangent, separ
 from jaxpd.resolution import MLS, NODES, Kernel
 from jaxpd.scene import Scene
 from jaxpd.solvers.choice import cheapest
-from jaxpd.solvers.linear import METHODS, LinearSolver
+from jaxpd.solvers.linear import LinearSolver, methods
 from jaxpd.solvers.newton import Newton
 from jaxpd.stack import Stack, stacked
 from jaxpd.weak_nodes import galerkin_problem
@@ -66,7 +66,7 @@ def prepare(
 
     Args:
         scene: what to solve.
-        solver: linear solver, one of `jaxpd.solvers.linear.METHODS`, or "auto", the one
+        solver: linear solver, one of `jaxpd.solvers.linear.methods()`, or "auto", the one
             that `jaxpd.solvers.choice` expects to be ready first.
         operator: "gather" by index lists, for any points; on lattices also "stencil" by
             shifted slices and, for small displacements, "fft" by convolution. "auto"
@@ -267,7 +267,7 @@ def _check_words(
     load_steps: int,
 ) -> None:
     for name, word, known in (
-        ("solver", solver, METHODS),
+        ("solver", solver, methods()),
         ("operator", operator, OPERATORS),
     ):
         if word not in ("auto", *known):

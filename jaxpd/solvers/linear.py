@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,11 +33,35 @@ from jaxpd.solvers.krylov import (
     point_jacobi,
 )
 
+Preconditioner = Callable[[Any, Constraints], Callable[[jax.Array], jax.Array] | None]
+
+
+def _diagonal(tangent: Any, constraints: Constraints) -> Any:
+    return point_jacobi(constraints.diagonal(tangent.diagonal()))
+
+
+def _blocks(tangent: Any, constraints: Constraints) -> Any:
+    return block_jacobi(constraints.diagonal(tangent.diagonal()))
+
+
+#: Preconditioners of CG by the name of the method: functions of tangent and constraints
+#: that give a symmetric positive definite map of residuals [n, d], or None. A method of
+#: your own is one more entry.
+PRECONDITIONERS: dict[str, Preconditioner] = {
+    "pcg": lambda tangent, constraints: None,
+    "d-pcg": _diagonal,
+    "block-pcg": _blocks,
+}
 #: Methods that need a hierarchy, made when the solver is prepared and then frozen.
 PREPARED = ("spectral", "multigrid", "amg")
 #: Methods for tangents that are not symmetric.
 GENERAL = ("gmres", "bicgstab")
-METHODS = ("cg", "pcg", "d-pcg", "block-pcg", *PREPARED, "direct", *GENERAL)
+METHODS = ("cg", *PRECONDITIONERS, *PREPARED, "direct", *GENERAL)
+
+
+def methods() -> tuple[str, ...]:
+    """Names of all methods, those added to `PRECONDITIONERS` included."""
+    return (*METHODS, *(name for name in PRECONDITIONERS if name not in METHODS))
 
 
 @jax.tree_util.register_dataclass
@@ -47,7 +72,7 @@ class LinearSolver:
     Attributes:
         hierarchy: of the methods in `PREPARED`: anything with `cycle(r)`, a symmetric
             positive definite map of residuals [n, d].
-        method: one of `METHODS`.
+        method: one of `methods()`.
         rtol: relative tolerance on the true residual.
         maxiter: most iterations.
     """
@@ -95,8 +120,6 @@ class LinearSolver:
 
         if self.method == "cg":
             return cg(mv, b, **limits)
-        if self.method == "pcg":
-            return pcg(mv, b, **limits)
         if self.method in PREPARED:
             if self.hierarchy is None:
                 raise ValueError(f"hierarchy: method {self.method!r} needs one")
@@ -105,11 +128,10 @@ class LinearSolver:
                 return constraints.project(self.hierarchy.cycle(r))
 
             return pcg(mv, b, precondition=cycle, **limits)
-        make = {"d-pcg": point_jacobi, "block-pcg": block_jacobi}.get(self.method)
+        make = PRECONDITIONERS.get(self.method)
         if make is None:
-            raise ValueError(f"method: {self.method!r} must be one of {METHODS}")
-        blocks = constraints.diagonal(tangent.diagonal())
-        return pcg(mv, b, precondition=make(blocks), **limits)
+            raise ValueError(f"method: {self.method!r} must be one of {methods()}")
+        return pcg(mv, b, precondition=make(tangent, constraints), **limits)
 
 
 def linear_solver(
@@ -120,8 +142,8 @@ def linear_solver(
     Raises:
         ValueError: on an unknown method, or one that lacks its hierarchy.
     """
-    if method not in METHODS:
-        raise ValueError(f"method: {method!r} must be one of {METHODS}")
+    if method not in methods():
+        raise ValueError(f"method: {method!r} must be one of {methods()}")
     if method in PREPARED and hierarchy is None:
         raise ValueError(
             f"hierarchy: method {method!r} needs one; see jaxpd.solvers, or "
