@@ -53,15 +53,16 @@ class Method:
         family: of `COLOURS`; "peer" is not of this package.
         job: from a size to a `Job`.
         sizes: from coarse to fine.
-        spans: whether its basis holds the exact solution, as on no other problem: drawn,
-            but left out of the front and of the claims.
+        apart: why it is drawn but left out of the front and of the claims; "" is not.
+        runs: how often the job would have to be run; its seconds are multiplied.
     """
 
     name: str
     family: str
     job: Callable[[Any], Job]
     sizes: Sequence[Any]
-    spans: bool = False
+    apart: str = ""
+    runs: int = 1
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class Problem:
         peer_wins: whether the peer is expected to be cheaper at equal error; None where
             there is no peer of the same model.
         notes: what a reader must know.
+        timed: what the time is of.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Problem:
     methods: Sequence[Method]
     peer_wins: bool | None
     notes: Sequence[str] = ()
+    timed: str = "set-up and solve"
 
 
 def timed(job: Job) -> dict[str, float]:
@@ -115,8 +118,11 @@ def measure(problem: Problem, quick: bool) -> Report:
         rows = []
         for size in method.sizes[:2] if quick else method.sizes:
             row = {"method": method.name, "family": method.family}
-            row |= {"size": text_of(size), "spans": method.spans}
-            rows.append(row | timed(method.job(size)))
+            row |= {"size": text_of(size), "apart": method.apart}
+            row |= timed(method.job(size))
+            for key in ("seconds", "cpu seconds"):
+                row[key] *= method.runs
+            rows.append(row)
             print(f"{problem.name}: {method.name}, {size}: ", end="", flush=True)
             print(f"{rows[-1]['error']:.2e}, {rows[-1]['seconds']:.3f} s", flush=True)
         report.rows += rows
@@ -134,11 +140,12 @@ def finish(report: Report, problem: Problem) -> None:
     """Settle the errors, claim who wins, draw and write."""
     settle(report.rows)
     report.notes += problem.notes
-    for name in dict.fromkeys(r["method"] for r in report.rows if r["spans"]):
-        report.notes.append(f"{name}: the exact solution is in its basis; not compared")
+    report.notes += [
+        f"{m.name}: {m.apart}; not compared" for m in problem.methods if m.apart
+    ]
     report.notes += [
         f"error: {problem.quantity}; counted as the largest from a size on",
-        "s: wall, set-up and solve, warm, least of up to 9; cpu s: of all threads",
+        f"s: wall, {problem.timed}, warm, least of up to 9; cpu s: of all threads",
     ]
     name_winners(report, problem)
     import matplotlib.pyplot as plt
@@ -146,7 +153,7 @@ def finish(report: Report, problem: Problem) -> None:
     figure, axis = plt.subplots(figsize=(9.5, 5.2), layout="constrained")
     draw(axis, report.rows)
     axis.set(
-        xlabel="wall time, set-up and solve, warm (s)",
+        xlabel=f"wall time, {problem.timed}, warm (s)",
         ylabel=problem.quantity,
         title=problem.title,
     )
@@ -166,7 +173,7 @@ def settle(rows: list[dict[str, Any]]) -> None:
     for k, row in enumerate(rows):
         later = [r["error"] for r in rows[k:] if r["method"] == row["method"]]
         row["settled"] = max(later)
-    fair = [r for r in rows if not r["spans"]]
+    fair = [r for r in rows if not r["apart"]]
     for row in rows:
         row["front"] = row in fair and not any(
             r["seconds"] < row["seconds"] and r["settled"] <= row["settled"]
@@ -176,7 +183,7 @@ def settle(rows: list[dict[str, Any]]) -> None:
 
 def cheapest(rows: list[dict[str, Any]], level: float) -> dict[str, Any] | None:
     """The row of least time whose settled error is at most `level`."""
-    enough = [r for r in rows if r["settled"] <= level and not r["spans"]]
+    enough = [r for r in rows if r["settled"] <= level and not r["apart"]]
     return min(enough, key=lambda r: r["seconds"], default=None)
 
 
