@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,13 +21,21 @@ from _report import Report
 LEVELS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 #: Colours of a family, from the first method on; the peer is black.
 COLOURS = {
-    "bonds": ("#1f5f99", "#4f9bd9", "#123a5e", "#7fb6e6", "#2a86c7", "#0b2239"),
+    "bonds": (
+        "#1f5f99",
+        "#4f9bd9",
+        "#123a5e",
+        "#7fb6e6",
+        "#2a86c7",
+        "#0b2239",
+        "#5f7f9f",
+    ),
     "MLS": ("#c0392b", "#e67e22", "#8e2a20", "#f0a35e"),
     "RKPM": ("#2e8b57", "#79c267", "#14532d", "#a3b939"),
     "ghosts": ("#8e5ea2", "#c39bd3", "#5b2c6f"),
-    "peer": ("#111111", "#666666", "#999999"),
+    "peer": ("#111111", "#777777", "#444444", "#aaaaaa"),
 }
-MARKERS, DASHES = "osD^vP", ("-", "--", "-.", ":")
+MARKERS, DASHES = "osD^vPX", ("-", "--", "-.", ":")
 #: Seconds after which a job is not repeated, and most repeats.
 ENOUGH, MOST = 1.5, 9
 
@@ -112,7 +121,7 @@ def timed(job: Job) -> dict[str, float]:
 
 
 def measure(problem: Problem, quick: bool) -> Report:
-    """Run all methods, say who wins, draw, write the files."""
+    """Run all methods, say who wins, write the file."""
     report = Report(f"work_precision_{problem.name}", quick)
     for method in problem.methods:
         rows = []
@@ -137,7 +146,7 @@ def text_of(size: Any) -> str:
 
 
 def finish(report: Report, problem: Problem) -> None:
-    """Settle the errors, claim who wins, draw and write."""
+    """Settle the errors, claim who wins, write."""
     settle(report.rows)
     report.notes += problem.notes
     report.notes += [
@@ -148,10 +157,18 @@ def finish(report: Report, problem: Problem) -> None:
         f"s: wall, {problem.timed}, warm, least of up to 9; cpu s: of all threads",
     ]
     name_winners(report, problem)
+    head = ("method", "size", "unknowns", "error", "settled", "s", "cpu s", "compile s")
+    keys = ("method", "size", "unknowns", "error", "settled", "seconds", "cpu seconds")
+    lines = [[*(r[k] for k in keys), r["compile s"]] for r in report.rows]
+    report.finish(head, lines)
+
+
+def picture(problem: Problem, rows: list[dict[str, Any]], path: Path) -> None:
+    """The figure of one problem."""
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(9.5, 5.2), layout="constrained")
-    draw(axis, report.rows)
+    draw(axis, rows)
     axis.set(
         xlabel=f"wall time, {problem.timed}, warm (s)",
         ylabel=problem.quantity,
@@ -160,12 +177,8 @@ def finish(report: Report, problem: Problem) -> None:
     figure.legend(
         *axis.get_legend_handles_labels(), loc="outside right upper", fontsize=9
     )
-    figure.savefig(report.picture(), dpi=110)
+    figure.savefig(path, dpi=110)
     plt.close(figure)
-    head = ("method", "size", "unknowns", "error", "settled", "s", "cpu s", "compile s")
-    keys = ("method", "size", "unknowns", "error", "settled", "seconds", "cpu seconds")
-    lines = [[*(r[k] for k in keys), r["compile s"]] for r in report.rows]
-    report.finish(head, lines)
 
 
 def settle(rows: list[dict[str, Any]]) -> None:
@@ -231,7 +244,8 @@ def draw(axis: Any, rows: list[dict[str, Any]], size: float = 5.0) -> None:
             color=colours[k % len(colours)],
             ms=size,
             lw=0.3 * size,
-            label=name,
+            label=name + (" (not compared)" if some[0]["apart"] else ""),
+            alpha=0.45 if some[0]["apart"] else 1.0,
             zorder=3 if family == "peer" else 2,
         )
     axis.set(xscale="log", yscale="log")

@@ -1,4 +1,4 @@
-"""Paper 004's bar, held at both ends under a body force b = x: bonds, nodes, elements."""
+"""Paper 004's bar, held at both ends, body force b = x: bonds, nodes, elements."""
 
 from __future__ import annotations
 

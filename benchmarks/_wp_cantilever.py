@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from _wp import Job, Method, Problem, off
 from _wp_fe import grid, lame, solve
+from _wp_squares import beam
 
 from jaxpd import (
     MLS,
@@ -98,6 +99,14 @@ def elements(order: int) -> Callable[[int], Job]:
     return lambda n: Job(lambda: call(n), lambda r: (off(r.u, exact(r.X)), r.unknowns))
 
 
+def squares(order: int) -> Callable[[int], Job]:
+    """Quadrilaterals without a package."""
+    return lambda n: Job(
+        lambda: beam(n, order, NU, exact, shear),
+        lambda r: (off(r[1], exact(r[0])), r[2]),
+    )
+
+
 SIZES = (6, 12, 24, 48)
 FINE = (12, 24, 48, 96)
 SPANS = "the exact solution, a cubic, is within its reach"
@@ -109,7 +118,7 @@ PROBLEM = Problem(
         Method("bonds, m = 3, lattice", "bonds", bonds(3, "lattice"), FINE),
         Method("bonds, m = 3, analytic", "bonds", bonds(3, "analytic"), FINE),
         Method("bonds, m = 3, energy", "bonds", bonds(3, "energy"), FINE),
-        Method("bonds, m = 3, force density", "bonds", bonds(3, "force density"), FINE),
+        Method("bonds, m = 3, density", "bonds", bonds(3, "force density"), FINE),
         Method("bonds, m = 3, fictitious", "bonds", bonds(3, "fictitious"), FINE),
         Method("bonds, m = 6, analytic", "bonds", bonds(6, "analytic"), FINE),
         Method("MLS, degree 2", "MLS", nodes(MLS(scheme="double")), SIZES),
@@ -120,12 +129,14 @@ PROBLEM = Problem(
         Method("RKPM, QCNI", "RKPM", nodes(RKPM()), SIZES),
         Method("RKPM, SCNI", "RKPM", nodes(RKPM(scheme="SCNI")), SIZES),
         Method("RKPM, GI", "RKPM", nodes(RKPM(scheme="GI")), SIZES),
-        Method("FE, Q1", "peer", elements(1), (2, *SIZES, 96, 192)),
-        Method("FE, Q2", "peer", elements(2), (1, 3, *SIZES)),
+        Method("FE, Q1, scikit-fem", "peer", elements(1), (2, *SIZES, 96, 192)),
+        Method("FE, Q2, scikit-fem", "peer", elements(2), (1, 3, *SIZES)),
+        Method("FE, Q1, bare NumPy", "peer", squares(1), (2, *SIZES, 96)),
+        Method("FE, Q2, bare NumPy", "peer", squares(2), (1, 3, *SIZES)),
     ),
     True,
     (
-        "nu = 1/3, what bonds have in plane stress; bonds carry the end shear as a body "
-        "force on the last column",
+        "nu = 1/3, what bonds have in plane stress; bonds carry the end shear as a "
+        "body force on the last column",
     ),
 )

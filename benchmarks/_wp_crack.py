@@ -75,7 +75,7 @@ PROBLEM = Problem(
     ),
     True,
     (
-        "m = 8: the error changes sign between n = 70 and 90; -0.5 % is left at n = 130 "
-        "and beyond (convergence.py)",
+        "m = 8: the error changes sign between n = 70 and 90; -0.5 % is left at "
+        "n = 130 and beyond (convergence.py)",
     ),
 )

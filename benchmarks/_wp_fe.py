@@ -1,4 +1,4 @@
-"""Finite elements for the problems of `work_precision`: plane elasticity, scikit-fem."""
+"""Finite elements for `work_precision`: plane elasticity, scikit-fem."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def solve(
             mesh, element, facets=mesh.facets_satisfying(where), intorder=2 * order + 2
         )
         b = b + work(force).assemble(face)
-    places = basis.doflocs
+    places: Any = basis.doflocs
     part = np.zeros(places.shape[1], int)
     for rows in (basis.nodal_dofs, basis.facet_dofs, basis.interior_dofs):
         part[np.asarray(rows)[1::2].ravel()] = 1

@@ -1,4 +1,4 @@
-"""A pulse through a soft layer in a bar: ghost interlayers, a meshed one, elements.
+"""A pulse through a soft layer of a bar: ghost interlayers, a meshed one, elements.
 
 Bar of E = rho = 1, layer of 0.04 with E_l = 0.01 and rho_l = 1; a Gaussian pulse of
 width 0.8, displacements taken down 0.2 in front of and behind the layer. The answer is
@@ -29,7 +29,7 @@ T = SAMPLE * np.arange(1, RECORDS + 1)
 
 
 def incident(t: Any) -> np.ndarray:
-    """The pulse at the lower face of the layer, 4 from where it starts, over its peak."""
+    """The pulse at the lower face, 4 from where it starts, over its peak."""
     return np.exp(-(((4.0 - t) / A) ** 2))
 
 
@@ -89,7 +89,7 @@ def meshed(mean: str) -> Callable[[int], Job]:
     return lattice(lambda body: body.scene(H, None, E_L, mean))
 
 
-def elements(inside: Callable[[int], int]) -> Callable[[int], Job]:
+def elements(inside: Callable[[float], int]) -> Callable[[float], Job]:
     """Linear elements, lumped mass, central differences; 0 inside is a spring.
 
     Sizes are spacings of the plies over the thickness of the layer.
@@ -147,7 +147,7 @@ PROBLEM = Problem(
         Method("ghosts, paper's rule", "ghosts", ghosts("paper", 0.0), COARSE),
         Method("bonds, layer meshed", "bonds", meshed("arithmetic"), FINE),
         Method("bonds, layer meshed, in series", "bonds", meshed("harmonic"), FINE),
-        Method("FE, layer meshed", "peer", elements(lambda n: int(n)), FINE),
+        Method("FE, layer meshed", "peer", elements(round), FINE),
         Method(
             "FE, ten times finer in the layer",
             "peer",

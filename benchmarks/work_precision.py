@@ -1,8 +1,8 @@
 """Error against wall time on problems with exact answers: every method, and its peer.
 
-`work_precision.py [PROBLEM ...] [--quick]` runs the problems named, or all, and draws
-the overview from the files of all that were run at any time. Each problem is a module
-`_wp_NAME`. Set-up and solve are timed together, warm; compilation apart.
+`work_precision.py [PROBLEM ...] [--quick]` runs the problems named, or all (`--quick`:
+the bar), and draws all figures from the files of what was run at any time. Each problem
+is a module `_wp_NAME`. Set-up and solve are timed together, warm; compilation apart.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 
 import jax
 from _report import RESULTS
-from _wp import draw, measure
+from _wp import draw, measure, picture
 
 jax.config.update("jax_enable_x64", True)
 
@@ -39,19 +39,21 @@ def main() -> None:
     """Run what was asked for, then the overview."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("problem", nargs="*", help=f"of {', '.join(NAMES)}; all")
-    parser.add_argument("--quick", action="store_true", help="two sizes a method")
+    parser.add_argument(
+        "--quick", action="store_true", help="the bar, two sizes a method"
+    )
     given = parser.parse_args()
     for name in given.problem:
         if name not in NAMES:
             parser.error(f"problem: {name!r} must be one of {NAMES}")
-    for name in given.problem or NAMES:
+    for name in given.problem or (NAMES[:1] if given.quick else NAMES):
         measure(importlib.import_module(f"_wp_{name}").PROBLEM, given.quick)
         jax.clear_caches()
     overview(given.quick)
 
 
 def overview(quick: bool) -> None:
-    """One panel a problem, from the files."""
+    """The figures, from the files, and one panel a problem."""
     import matplotlib.pyplot as plt
 
     ending = ".quick" if quick else ""
@@ -63,6 +65,7 @@ def overview(quick: bool) -> None:
     figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
     for axis, (name, rows) in zip(axes.flat, kept.items(), strict=False):
         problem = importlib.import_module(f"_wp_{name}").PROBLEM
+        picture(problem, rows, RESULTS / f"work_precision_{name}{ending}.png")
         draw(axis, rows, size=4.0)
         axis.set_title(problem.title, fontsize=10)
         axis.set_ylabel(problem.quantity, fontsize=8)
