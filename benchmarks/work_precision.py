@@ -62,7 +62,7 @@ def overview(quick: bool) -> None:
         path = RESULTS / f"work_precision_{name}{ending}.json"
         if path.exists():
             kept[name] = json.loads(path.read_text())["rows"]
-    figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
+    figure, axes = plt.subplots(2, 4, figsize=(16, 12), layout="constrained")
     for axis, (name, rows) in zip(axes.flat, kept.items(), strict=False):
         problem = importlib.import_module(f"_wp_{name}").PROBLEM
         picture(problem, rows, RESULTS / f"work_precision_{name}{ending}.png")
@@ -70,11 +70,17 @@ def overview(quick: bool) -> None:
         axis.set_title(problem.title, fontsize=10)
         axis.set_ylabel(problem.quantity, fontsize=8)
         axis.tick_params(labelsize=8)
-        axis.legend(fontsize=6, framealpha=0.7)
+        axis.set_xlabel(f"wall time, {problem.timed}, warm (s)", fontsize=8)
+        axis.legend(
+            fontsize=7,
+            ncols=2,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.14),
+            frameon=False,
+        )
     for axis in axes.flat[len(kept) :]:
         axis.set_axis_off()
-    figure.supxlabel("wall time, set-up and solve, warm (s)", fontsize=10)
-    figure.savefig(RESULTS / f"work_precision{ending}.png", dpi=110)
+    figure.savefig(RESULTS / f"work_precision{ending}.png", dpi=90)
     plt.close(figure)
 
 
