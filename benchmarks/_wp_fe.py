@@ -57,9 +57,10 @@ def solve(
         pulled: facets, by their middles, and tractions [n, 2] at places [n, 2].
         body: body force [n, 2] at places [n, 2].
     """
-    element = ElementVector(ElementQuad1() if order == 1 else ElementQuad2())
+    element: Any = ElementVector(ElementQuad1() if order == 1 else ElementQuad2())
     basis: Any = Basis(mesh, element, intorder=2 * order + 1)
-    K = linear_elasticity(*constants).assemble(basis).tocsc()
+    stiffness: Any = linear_elasticity(*constants).assemble(basis)
+    K = stiffness.tocsc()
 
     def work(force: Field) -> Any:
         def form(v, w):
