@@ -254,6 +254,14 @@ def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> 
     return asked
 
 
+_built = jax.jit(Motion.build)
+
+
+@jax.jit
+def _diagonal(op: Any, history: Any) -> jax.Array:
+    return op.diagonal(history)
+
+
 def longest_dt(motion: Motion) -> float:
     """A time step (s) that is stable, surface corrections included; host.
 
@@ -261,8 +269,8 @@ def longest_dt(motion: Motion) -> float:
     laws that grow stiffer, shorten the true step. With fictitious points, whose bound
     is loose, 0.95 of the step that SciPy's Lanczos process finds, where that is longer.
     """
-    op, drive = jax.jit(Motion.build)(motion, motion.params)
-    diagonal = jax.jit(lambda op, history: op.diagonal(history))(op, motion.begin)
+    op, drive = _built(motion, motion.params)
+    diagonal = _diagonal(op, motion.begin)
     dt = stable_dt(np.asarray(diagonal), np.asarray(op.pick(drive.mass)))
     plies = op.plies if isinstance(op, SumMotion) else (op,)
     if any(isinstance(ply, PulledMotion) for ply in plies):

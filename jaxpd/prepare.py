@@ -66,8 +66,8 @@ def prepare(
 
     Args:
         scene: what to solve.
-        solver: linear solver, one of `jaxpd.solvers.linear.methods()`, or "auto", the one
-            that `jaxpd.solvers.choice` expects to be ready first.
+        solver: linear solver, one of `jaxpd.solvers.linear.methods()`, or "auto", the
+            one that `jaxpd.solvers.choice` expects to be ready first.
         operator: "gather" by index lists, for any points; on lattices also "stencil" by
             shifted slices and, for small displacements, "fft" by convolution. "auto"
             takes the last of them that will do.

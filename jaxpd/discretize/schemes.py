@@ -84,9 +84,7 @@ SCHEMES = {
     "MNI": Scheme("circles"),
     "VC-MNI": Scheme("circles", correction="test", order=0, passes=1),
     "V2-MNI": Scheme("circles", correction="test", exact=True, passes=2),
-    "Q2-MNI": Scheme(
-        "circles", correction="both", points=(1, 4), exact=True, passes=2
-    ),
+    "Q2-MNI": Scheme("circles", correction="both", points=(1, 4), exact=True, passes=2),
     "GI": Scheme("triangles", points=(12, 0)),
     "QC3": Scheme("triangles", correction="test", points=(3, 0), passes=2),
 }

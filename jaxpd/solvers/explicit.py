@@ -133,6 +133,15 @@ def stable_dt(diagonal: Any, mass: Any) -> float:
     return float("inf") if largest <= 0.0 else 2.0 / (2.0 * largest) ** 0.5
 
 
+@jax.jit
+def _scaled(op: Any, drive: Drive, free: Any, history: Any, x: Any) -> jax.Array:
+    """M^-1/2 K M^-1/2 x at rest."""
+    root = free / jnp.sqrt(drive.mass)[None]
+    rest, along = jnp.zeros_like(x), root * x
+    slope = jax.jvp(lambda u: op.commit(u, history)[0], (rest,), (along,))[1]
+    return -root * slope
+
+
 def largest_dt(op: Any, drive: Drive, history: Any, rtol: float = 1e-6) -> float:
     """The longest stable time step (s) at rest, 2 / sqrt(largest eigenvalue of M^-1 K).
 
@@ -148,19 +157,12 @@ def largest_dt(op: Any, drive: Drive, history: Any, rtol: float = 1e-6) -> float
     shape = drive.mass.shape
     free = 1.0 if drive.fixed is None else jnp.where(drive.fixed, 0.0, 1.0)
 
-    @jax.jit
-    def scaled(op, drive, free, history, x):
-        root = free / jnp.sqrt(drive.mass)[None]
-        rest, along = jnp.zeros_like(x), root * x
-        slope = jax.jvp(lambda u: op.commit(u, history)[0], (rest,), (along,))[1]
-        return -root * slope
-
     d = drive.loads.shape[1]
     size = d * shape[0]
 
     def product(x):
         x = jnp.asarray(x.reshape(d, -1), drive.mass.dtype)
-        return np.asarray(scaled(op, drive, free, history, x), float).ravel()
+        return np.asarray(_scaled(op, drive, free, history, x), float).ravel()
 
     make: Any = scipy.sparse.linalg.LinearOperator
     lanczos: Any = scipy.sparse.linalg.eigsh
