@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
+from jaxpd.checks import number, numbers
 from jaxpd.observe import Observation
 from jaxpd.problem import Params, Problem
 from jaxpd.solvers.status import Status
@@ -87,8 +88,7 @@ def positive(
     Raises:
         ValueError: if the first guess is not.
     """
-    if not (np.asarray(start) > 0).all():
-        raise ValueError(f"start: {start} must be positive")
+    numbers("start", start, above=0)
     return Variable(np.asarray(start, float), Positive(), place)
 
 
@@ -103,9 +103,10 @@ def bounded(
     Raises:
         ValueError: if the first guess does not lie between them.
     """
+    number("low", low)
+    number("high", high)
+    numbers("start", start, above=low, below=high)
     x = np.asarray(start, float)
-    if not ((x > low) & (x < high)).all():
-        raise ValueError(f"start: {start} must lie between {low} and {high}")
     return Variable(x, Bounded(float(low), float(high)), place)
 
 
@@ -117,8 +118,8 @@ def free(
     Raises:
         ValueError: if the scale is not positive.
     """
-    if not scale > 0:
-        raise ValueError(f"scale: {scale} must be positive")
+    number("scale", scale, above=0, cure="how far it is expected to move")
+    numbers("start", start)
     return Variable(np.asarray(start, float), Free(float(scale)), place)
 
 

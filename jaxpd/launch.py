@@ -15,6 +15,7 @@ from jaxpd.body import (
     starts_on,
     supports_on,
 )
+from jaxpd.checks import instance, number, word
 from jaxpd.course import Course
 from jaxpd.cuts import cut_bonds, memory_of, unbreakable
 from jaxpd.discretize import beyond_faces
@@ -39,6 +40,7 @@ from jaxpd.solvers.newton import Newton
 from jaxpd.stack import own, stacked
 
 DTYPES = ("float32", "float64")
+KINDS = ("halves", "slots", "memory")
 
 
 def prepare_motion(
@@ -65,18 +67,21 @@ def prepare_motion(
     Raises:
         ValueError: naming the argument, its value and the cure.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
+    word("operator", operator, ("auto", *KINDS))
     check_bonds(scene, "motion")
     if scene.weak:
         raise ValueError("weak: is for solve_fracture; say no_fail here")
     real = jax.dtypes.canonicalize_dtype(float).name
     dtype = real if dtype is None else dtype
-    if dtype not in DTYPES or (dtype == "float64" and real != dtype):
+    word("dtype", dtype, DTYPES)
+    if dtype == "float64" and real != dtype:
         raise ValueError(
-            f"dtype: {dtype!r} must be one of {DTYPES}; 64 bits need "
+            f"dtype: {dtype!r} needs 64 bits: "
             "jax.config.update('jax_enable_x64', True) before any array is made"
         )
-    if softening is not None and not 0 < softening < 1:
-        raise ValueError(f"softening: {softening} must lie between 0 and 1")
+    if softening is not None:
+        number("softening", softening, above=0, below=1, cure="or None")
     if isinstance(scene.body, Laminate):
         return _laminated(scene, operator, dtype, softening)
     material, resolution = scene.material, scene.resolution
@@ -229,6 +234,7 @@ def _laminated(
 
 def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
     """The motion of a scene, or the one given, which takes no options any more."""
+    instance("scene", scene, Scene | Motion, "a Scene(..), or of prepare_motion")
     if not isinstance(scene, Motion):
         return prepare_motion(scene, **options)
     if options:
@@ -238,11 +244,9 @@ def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
 
 def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> str:
     plain = elastic and softening is None
-    able = {"halves": plain and regular, "slots": plain, "memory": True}
+    able = dict(zip(KINDS, (plain and regular, plain, True), strict=True))
     if asked == "auto":
         return next(kind for kind, can in able.items() if can)
-    if asked not in able:
-        raise ValueError(f"operator: {asked!r} must be 'auto' or one of {[*able]}")
     if not able[asked]:
         raise ValueError(
             f"operator: {asked!r} is for Elastic"

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.checks import number, real, vector, word
 from jaxpd.geometry.rim import Rim
 
 
@@ -100,13 +101,11 @@ def lattice(
     Raises:
         ValueError: if dx does not divide a side, or an argument is out of range.
     """
-    lo_, hi_ = np.asarray(lo, float), np.asarray(hi, float)
-    if lo_.shape != hi_.shape or lo_.ndim != 1 or not 1 <= lo_.size <= 3:
-        raise ValueError(f"hi: {hi} and lo: {lo} must be corners in 1, 2 or 3-D")
-    if not (np.isfinite(dx) and dx > 0):
-        raise ValueError(f"dx: {dx} must be a positive number")
-    if nodes not in ("edge", "cell"):
-        raise ValueError(f"nodes: {nodes!r} must be 'edge' or 'cell'")
+    lo_, hi_ = np.array(vector("lo", lo)), np.array(vector("hi", hi))
+    if lo_.shape != hi_.shape:
+        raise ValueError(f"lo, hi: {lo} and {hi} must be corners in as many dimensions")
+    number("dx", dx, above=0, cure="in m")
+    word("nodes", nodes, ("edge", "cell"))
     cells = (hi_ - lo_) / dx
     n = np.rint(cells).astype(int)
     if (n < 1).any() or not np.allclose(cells, n, rtol=0, atol=1e-6):
@@ -147,9 +146,13 @@ def from_points(X: PointVector, vol: PointScalar, rim: Rim | None = None) -> Clo
         ValueError: on wrong shapes, values that are not finite, or volumes that are not
             positive. Coincident points are refused where families are found.
     """
+    if real(X) is None:
+        raise ValueError(f"X: {X!r} must be an array of numbers [n, d]")
     X_ = np.asarray(X, float)
     if X_.ndim != 2 or not 1 <= X_.shape[1] <= 3 or len(X_) == 0:
         raise ValueError(f"X: shape {X_.shape} must be [n, d] with n >= 1, d = 1, 2, 3")
+    if real(vol) is None:
+        raise ValueError(f"vol: {vol!r} must be a volume, or one for each point")
     try:
         vol_ = np.broadcast_to(np.asarray(vol, float), (len(X_),))
     except ValueError:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.checks import vector
 from jaxpd.geometry.region import ROUND_OFF
 
 
@@ -102,9 +103,7 @@ def segment(a: Sequence[float], b: Sequence[float]) -> Crack:
     Raises:
         ValueError: if a tip is not two numbers or the tips coincide.
     """
-    a_, b_ = np.asarray(a, float), np.asarray(b, float)
-    if a_.shape != (2,) or b_.shape != (2,):
-        raise ValueError(f"b: tips {a} and {b} must be points in 2-D")
+    a_, b_ = np.array(vector("a", a, (2,))), np.array(vector("b", b, (2,)))
     if not np.linalg.norm(b_ - a_) > 0:
         raise ValueError(f"b: tips {a} and {b} coincide; a crack needs a length")
     return Crack(tuple(map(float, a_)), (tuple(map(float, b_ - a_)),))
@@ -118,10 +117,11 @@ def rectangle(
     Raises:
         ValueError: if the vectors are not in 3-D, vanish, or are not orthogonal.
     """
-    c, e, f = (np.asarray(v, float) for v in (corner, edge1, edge2))
-    if not c.shape == e.shape == f.shape == (3,):
-        raise ValueError("corner, edge1, edge2: must be vectors in 3-D")
+    given = (("corner", corner), ("edge1", edge1), ("edge2", edge2))
+    c, e, f = (np.array(vector(name, value, (3,))) for name, value in given)
     size = np.linalg.norm(e) * np.linalg.norm(f)
+    if not np.linalg.norm(e) > 0:
+        raise ValueError(f"edge1: {edge1} must not be zero; a crack needs an area")
     if not size > 0 or abs(e @ f) > 1e-9 * size:
         raise ValueError(
             f"edge2: {edge2} must be non-zero and orthogonal to edge1 = {edge1}"

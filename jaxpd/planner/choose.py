@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.checks import instance, number, word
 from jaxpd.laminate import Laminate
 from jaxpd.planner import error as errors
 from jaxpd.planner.duty import decide
@@ -64,6 +65,7 @@ def plan(
         ValueError: naming the argument, its value and the cure; if no resolution meets
             what is wanted, with the best that does not.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
     _check(job, accuracy, seconds, duration, fixed)
     asked: dict[str, Any] = {
         "job": job,
@@ -113,15 +115,14 @@ def _check(
     duration: float | None,
     fixed: dict[str, Any],
 ) -> None:
-    if job not in ("auto", *JOBS):
-        raise ValueError(f"job: {job!r} must be 'auto' or one of {JOBS}")
+    word("job", job, ("auto", *JOBS))
     for name, value in (
         ("accuracy", accuracy),
         ("seconds", seconds),
         ("duration", duration),
     ):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name}: {value} must be positive, or left out")
+        if value is not None:
+            number(name, value, above=0, cure="or leave it out")
     if accuracy is not None and accuracy >= 1:
         raise ValueError(f"accuracy: {accuracy} is a relative error, below 1")
     for name in fixed:

@@ -1,0 +1,173 @@
+"""What arguments may be: numbers, whole numbers, words, flags, vectors, kinds.
+
+Each function returns what it was given, as the type that it stands for, or raises a
+`ValueError` whose message begins with the name of the argument and says value and cure.
+Text is no number, and neither is True. Numbers that are traced have no value yet and
+pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+#: Kinds of NumPy's types that are real numbers.
+REAL = "fiu"
+
+
+def _bounds(above: float, least: float, below: float, most: float) -> str:
+    low, high = max(above, least), min(below, most)
+    if math.isinf(low) and math.isinf(high):
+        return ""
+    if math.isinf(high):
+        if low == 0:
+            return ", positive" if above == 0 else ", not negative"
+        return f", above {above:g}" if above >= least else f", at least {least:g}"
+    if math.isinf(low):
+        return f", below {below:g}" if below <= most else f", at most {most:g}"
+    return f", between {low:g} and {high:g}"
+
+
+def real(value: Any) -> np.ndarray | None:
+    """The numbers as an array, or None if they are none: text, True, None, objects."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        return None
+    return array if array.dtype.kind in REAL else None
+
+
+def numbers(
+    name: str,
+    value: Any,
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    below: float = math.inf,
+    most: float = math.inf,
+    endless: bool = False,
+    cure: str = "",
+) -> Any:
+    """One number or an array of numbers, all finite and in a range.
+
+    Args:
+        name: of the argument.
+        value: what was given; returned as it is.
+        above: all must be above it.
+        least: all must be at least that.
+        below: all must be below it.
+        most: all must be at most that.
+        endless: whether infinity is allowed.
+        cure: what is said beside the range: unit, default, a common value.
+
+    Raises:
+        ValueError: naming the argument.
+    """
+    if isinstance(value, jax.core.Tracer):
+        return value
+    array = real(value)
+    if array is not None and array.size:
+        good = ~np.isnan(array) if endless else np.isfinite(array)
+        good &= (array >= least) & (array <= most)
+        good &= (array > above) | (above == -math.inf)
+        good &= (array < below) | (below == math.inf)
+        if good.all():
+            return value
+    what = "a number" if np.ndim(value) == 0 or array is None else "numbers"
+    what += "" if endless else ", finite"
+    wanted = what + _bounds(above, least, below, most)
+    raise ValueError(f"{name}: {value!r} must be {wanted}{cure and '; ' + cure}")
+
+
+def number(name: str, value: Any, **limits: Any) -> Any:
+    """One finite number in a range; see `numbers`.
+
+    Raises:
+        ValueError: naming the argument.
+    """
+    if not isinstance(value, jax.core.Tracer):
+        array = real(value)
+        if array is not None and array.ndim:
+            raise ValueError(f"{name}: {value!r} must be a single number")
+    return numbers(name, value, **limits)
+
+
+def positive(**values: Any) -> None:
+    """Single numbers above 0, by name.
+
+    Raises:
+        ValueError: naming the first that is none.
+    """
+    for name, value in values.items():
+        number(name, value, above=0)
+
+
+def whole(name: str, value: Any, least: int = 1, cure: str = "") -> int:
+    """A whole number, at least `least`; 3.0 is one.
+
+    Raises:
+        ValueError: naming the argument.
+    """
+    array = real(value)
+    single = array is not None and array.ndim == 0 and np.isfinite(array)
+    if single and float(array).is_integer() and array >= least:
+        return int(array)
+    more = f"; {cure}" if cure else ""
+    raise ValueError(
+        f"{name}: {value!r} must be a whole number, at least {least}{more}"
+    )
+
+
+def word(name: str, value: Any, known: Collection[str], cure: str = "") -> str:
+    """One of some words.
+
+    Raises:
+        ValueError: naming the argument and the words.
+    """
+    if not (isinstance(value, str) and value in known):
+        more = f"; {cure}" if cure else ""
+        raise ValueError(f"{name}: {value!r} must be one of {tuple(known)}{more}")
+    return value
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False.
+
+    Raises:
+        ValueError: naming the argument.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name}: {value!r} must be True or False")
+    return bool(value)
+
+
+def vector(
+    name: str, value: Any, sizes: Sequence[int] = (1, 2, 3), endless: bool = False
+) -> tuple[float, ...]:
+    """A point or a vector of one of some sizes, all finite.
+
+    Raises:
+        ValueError: naming the argument.
+    """
+    array = real(value)
+    good = array is not None and array.ndim == 1 and len(array) in sizes
+    if array is None or not good:
+        some = " or ".join(map(str, sizes))
+        raise ValueError(f"{name}: {value!r} must be {some} numbers, as a tuple")
+    numbers(name, value, endless=endless)
+    return tuple(map(float, array))
+
+
+def instance(name: str, value: Any, of: Any, cure: str) -> Any:
+    """An object of a type.
+
+    Raises:
+        ValueError: naming the argument.
+    """
+    if not isinstance(value, of):
+        raise ValueError(f"{name}: {value!r} must be {cure}")
+    return value
