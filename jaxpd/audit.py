@@ -138,9 +138,9 @@ def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
             scene cannot have.
     """
     instance("scene", scene, Scene, "a Scene(..)")
-    some = () if corrections is None else corrections
-    if not isinstance(some, list | tuple):
-        raise ValueError(f"corrections: {corrections!r} must be a list of words")
+    some = CORRECTIONS if corrections is None else corrections
+    if not isinstance(some, list | tuple) or not some:
+        raise ValueError(f"corrections: give at least one, not {corrections!r}")
     for name in some:
         word("corrections", name, CORRECTIONS)
     check_bonds(scene, "an audit of surfaces")
@@ -165,8 +165,7 @@ def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
             refused[correction] = str(error)
             continue
         constants[correction] = _constants(problem, material)
-    if problem is None:
-        raise ValueError("corrections: give at least one name")
+    assert problem is not None
     return Audit(np.asarray(problem.X), *_places(scene), constants, refused)
 
 

@@ -19,17 +19,18 @@ import numpy as np
 REAL = "fiu"
 
 
-def _bounds(above: float, least: float, below: float, most: float) -> str:
+def _wanted(above: float, least: float, below: float, most: float) -> str:
+    """A range in words."""
     low, high = max(above, least), min(below, most)
-    if math.isinf(low) and math.isinf(high):
-        return ""
-    if math.isinf(high):
-        if low == 0:
-            return ", positive" if above == 0 else ", not negative"
-        return f", above {above:g}" if above >= least else f", at least {least:g}"
-    if math.isinf(low):
-        return f", below {below:g}" if below <= most else f", at most {most:g}"
-    return f", between {low:g} and {high:g}"
+    if math.isfinite(low) and math.isfinite(high):
+        return f"lie between {low:g} and {high:g}"
+    if math.isfinite(high):
+        return f"be a number {'below' if below <= most else 'at most'} {high:g}"
+    if low == 0:
+        return "be positive" if above == 0 else "not be negative"
+    if math.isfinite(low):
+        return f"be a number {'above' if above >= least else 'at least'} {low:g}"
+    return "be a number"
 
 
 def real(value: Any) -> np.ndarray | None:
@@ -77,10 +78,11 @@ def numbers(
         good &= (array < below) | (below == math.inf)
         if good.all():
             return value
-    what = "a number" if np.ndim(value) == 0 or array is None else "numbers"
-    what += "" if endless else ", finite"
-    wanted = what + _bounds(above, least, below, most)
-    raise ValueError(f"{name}: {value!r} must be {wanted}{cure and '; ' + cure}")
+    wanted = _wanted(above, least, below, most)
+    wanted += "" if endless or "lie" in wanted else ", and finite"
+    if array is None and "number" not in wanted:
+        wanted += ", a number"
+    raise ValueError(f"{name}: {value!r} must {wanted}{cure and '; ' + cure}")
 
 
 def number(name: str, value: Any, **limits: Any) -> Any:

@@ -103,10 +103,8 @@ def bounded(
     Raises:
         ValueError: if the first guess does not lie between them.
     """
-    number("low", low)
-    number("high", high)
-    numbers("start", start, above=low, below=high)
-    x = np.asarray(start, float)
+    number("low", low), number("high", high)
+    x = np.asarray(numbers("start", start, above=low, below=high), float)
     return Variable(x, Bounded(float(low), float(high)), place)
 
 
@@ -188,10 +186,9 @@ def smooth(
     Raises:
         ValueError: on a negative weight or slope, or if `name` is no nodal variable.
     """
-    if not (np.isfinite(weight) and weight >= 0):
-        raise ValueError(f"weight: {weight} must not be negative")
-    if edges is not None and not edges > 0:
-        raise ValueError(f"edges: {edges} must be positive (1/m), or None")
+    number("weight", weight, least=0)
+    if edges is not None:
+        number("edges", edges, above=0, cure="in 1/m, or None")
     X, params = np.asarray(problem.X), problem.params
     n, d = X.shape
     size = params["dx"] ** d * np.ones(n) if "dx" in params else params["vol"]

@@ -23,7 +23,7 @@ from jaxpd.discretize.extension import check_cracks
 from jaxpd.geometry import find, find_on_grid
 from jaxpd.glue import glue_of
 from jaxpd.laminate import Laminate
-from jaxpd.model import correction_of, model_of, stiffening_of
+from jaxpd.model import check_given, correction_of, model_of, stiffening_of
 from jaxpd.motion import Motion
 from jaxpd.operators.ghosts import start
 from jaxpd.operators.pulled_motion import PulledMotion
@@ -97,6 +97,7 @@ def prepare_motion(
         raise ValueError("softening: is for Elastic with a fracture energy G0")
     cloud = cloud_of(scene)
     X, vol, delta = np.asarray(cloud.X), np.asarray(cloud.vol), resolution.horizon
+    check_given(scene, X)
     model, params = model_of(scene)
     if not elastic and not hasattr(params["law"], "advance"):
         s_crit = np.where(unbreakable(scene, X), np.inf, material.s_crit)

@@ -28,6 +28,7 @@ from jaxpd.geometry.grid_family import offset_sums
 from jaxpd.glue import glue_of
 from jaxpd.laminate import Laminate
 from jaxpd.model import (
+    check_given,
     check_whole,
     correction_of,
     is_symmetric,
@@ -135,6 +136,7 @@ def _body(
         )
     X, vol = np.asarray(cloud.X), np.asarray(cloud.vol)
     delta, resolution = scene.resolution.horizon, scene.resolution
+    check_given(scene, X)
     if cloud.lattice is not None and scene.d > 1 and delta < 1.4 * cloud.lattice.dx:
         raise ValueError(
             f"m: {delta / cloud.lattice.dx:g} bonds no diagonal neighbours, and such a "

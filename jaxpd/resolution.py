@@ -9,9 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from jaxpd.checks import instance, number, whole, word
 from jaxpd.discretize.schemes import SCHEMES
 from jaxpd.discretize.surface import CORRECTIONS
+from jaxpd.geometry import Box
+from jaxpd.geometry.cloud import check_layers
 from jaxpd.geometry.family import PARTIAL_RULES
 from jaxpd.physics.influence import (
     Conical,
@@ -129,6 +133,12 @@ class Bonds:
         word("partial", self.partial, PARTIAL_RULES)
         word("nodes", self.nodes, ("edge", "cell"))
         word("calibration", self.calibration, ("continuum", "lattice"))
+        if self.layers is not None:
+            check_layers(self.layers, len(self.layers) or 1)
+        if self.dx is not None and (self.delta or self.dx) < self.dx * (1 - 1e-9):
+            raise ValueError(
+                f"delta: {self.delta} is within the spacing {self.dx} and bonds nothing"
+            )
         if self.correction is not None:
             word("correction", self.correction, CORRECTIONS, "None is the default")
 
@@ -148,6 +158,21 @@ class Bonds:
         if self.dx is None:
             raise ValueError("dx: None; where m is given a spacing is needed (m)")
         return float(self.m or 0) * self.dx
+
+
+def check_horizon(resolution: Bonds, body: Box) -> None:
+    """Refuse a horizon that is longer than a body, whose units then are wrong.
+
+    Raises:
+        ValueError: naming what the horizon was given by.
+    """
+    size = float(np.linalg.norm(np.subtract(body.hi, body.lo)))
+    if resolution.horizon > size * (1.0 + 1e-9):
+        name = "delta" if resolution.m is None else "m"
+        raise ValueError(
+            f"{name}: the horizon {resolution.horizon:g} m is longer than the body, "
+            f"{size:g} m from corner to corner; make it shorter, and look at the units"
+        )
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ ISLAND = [jaxpd.segment(a, b) for a, b in pairwise([*CORNERS, CORNERS[0]])]
             r"supports: every displacement is prescribed",
         ),
         ({"resolution": jaxpd.Bonds(dx=0.125)}, {}, r"m: give exactly one of m"),
-        ({"resolution": jaxpd.Bonds(dx=0.125, m=0.5)}, {}, r"m: 0.5 must be at"),
+        ({"resolution": jaxpd.Bonds(dx=0.125, m=1)}, {}, r"m: 1 bonds no diagonal"),
         ({"resolution": jaxpd.Bonds(delta=0.3)}, {}, r"dx: None; a box needs"),
         (
             {"resolution": jaxpd.Bonds(dx=0.125, m=3, correction="some")},

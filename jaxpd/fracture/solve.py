@@ -139,6 +139,8 @@ def solve_fracture(
     middle = 0.5 * (X[springs.i] + X[springs.j])
     last = np.zeros(len(cut), bool) if end is None else end.contains(middle)
     limits = Limits(max_states, max_factor, last, severed)
+    if end is not None and not last.any():
+        raise ValueError(f"end: no bond has its middle in {end}")
     seen = tuple(region.contains(X) for region in watch)
     if softening is not None:
         counter = bar(range(1, max_states), max_states, progress, "state")

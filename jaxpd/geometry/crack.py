@@ -97,6 +97,29 @@ def check_dimension(cracks: Sequence[Crack], d: int) -> None:
             )
 
 
+def beside(crack: Crack, X: NDArray[np.floating]) -> bool:
+    """Whether a crack lies wholly outside the box around the points X [n, d]."""
+    sides = np.ndindex(*(2,) * len(crack.edges))
+    corners = np.array([crack.point(*t) for t in sides])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return bool((high < X.min(axis=0)).any() or (low > X.max(axis=0)).any())
+
+
+def check_inside(cracks: Sequence[Crack], X: NDArray[np.floating]) -> None:
+    """Refuse cracks that lie wholly beside the points X [n, d].
+
+    Raises:
+        ValueError: naming the crack and where the points are.
+    """
+    check_dimension(cracks, X.shape[1])
+    for crack in cracks:
+        if beside(crack, X):
+            raise ValueError(
+                f"cracks: {crack} lies beside the body, whose points are between "
+                f"{X.min(axis=0)} and {X.max(axis=0)} (m); move it, or leave it out"
+            )
+
+
 def segment(a: Sequence[float], b: Sequence[float]) -> Crack:
     """A crack in 2-D from tip `a` to tip `b` (m).
 

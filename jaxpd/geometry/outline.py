@@ -55,6 +55,8 @@ def outlined(X: ArrayLike, loops: Sequence[ArrayLike]) -> Cloud:
             raise ValueError(
                 f"loops: {loop!r} must be numbers of nodes, in a list of loops"
             )
+    if not len(loops):
+        raise ValueError("loops: none; give at least the outer one")
     edge = loop_edges(loops)
     if not ((edge >= 0) & (edge < len(nodes))).all():
         raise ValueError(f"loops: they name nodes beyond 0..{len(nodes) - 1}")

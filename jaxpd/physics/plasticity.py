@@ -37,7 +37,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxpd._types import Scalar
-from jaxpd.checks import number
+from jaxpd.checks import numbers
 from jaxpd.physics import elastic
 from jaxpd.physics.hardening import Linear
 from jaxpd.physics.node import apply
@@ -233,14 +233,14 @@ def _check(
 ) -> None:
     for name, value in (("E", E), ("nu", nu), ("h_iso", h_iso), ("h_kin", h_kin)):
         if value is not None or name != "nu":
-            number(name, value)
+            numbers(name, value)
     if _known(E, nu):
         elastic.check(E, nu, state)
     if sigma_y is None and hardening is None:
         raise ValueError("sigma_y: None; give a yield stress (Pa), or a hardening")
     if sigma_y is not None:
-        number("sigma_y", sigma_y, above=0, cure="in Pa")
-    number("h_kin", h_kin, least=0, cure="h_iso may soften")
+        numbers("sigma_y", sigma_y, above=0, cure="in Pa")
+    numbers("h_kin", h_kin, least=0, cure="h_iso may soften")
     if hardening is not None:
         leaves = jax.tree_util.tree_leaves_with_path(hardening)
         if not callable(hardening) or any(callable(leaf) for _, leaf in leaves):
@@ -250,7 +250,7 @@ def _check(
                 "jax.tree_util.register_dataclass"
             )
         for path, leaf in leaves:
-            number(f"hardening{jax.tree_util.keystr(path)}", leaf)
+            numbers(f"hardening{jax.tree_util.keystr(path)}", leaf)
         if not _known(h_iso) or np.any(np.asarray(h_iso) != 0):
             raise ValueError(
                 f"h_iso: {h_iso} is linear hardening, which `hardening` "
@@ -259,7 +259,7 @@ def _check(
         if not _known(hardening, sigma_y):
             return
         first = np.asarray(hardening(jnp.zeros(())))
-        number("hardening", first, above=0, cure="the yield stress (Pa) at peeq = 0")
+        numbers("hardening", first, above=0, cure="the yield stress (Pa) at peeq = 0")
         if sigma_y is not None and not np.allclose(first, sigma_y, rtol=1e-6):
             raise ValueError(
                 f"sigma_y: {sigma_y} differs from hardening(0) = {first}; leave "
@@ -268,7 +268,7 @@ def _check(
     elif _known(E, nu, h_iso, h_kin):
         _, _, T, k = modes(E, nu, state)
         least = -float(np.min((np.asarray(k).T * T**2).min(axis=-1) + h_kin))
-        if not h_iso > least:
+        if not np.all(np.asarray(h_iso) > least):
             raise ValueError(
                 f"h_iso: {h_iso} softens faster than elasticity unloads and leaves no "
                 f"unique stress; set it above {least:g} (Pa)"

@@ -116,11 +116,8 @@ def _check(
     fixed: dict[str, Any],
 ) -> None:
     word("job", job, ("auto", *JOBS))
-    for name, value in (
-        ("accuracy", accuracy),
-        ("seconds", seconds),
-        ("duration", duration),
-    ):
+    given = {"accuracy": accuracy, "seconds": seconds, "duration": duration}
+    for name, value in given.items():
         if value is not None:
             number(name, value, above=0, cure="or leave it out")
     if accuracy is not None and accuracy >= 1:
