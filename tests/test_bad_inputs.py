@@ -1,7 +1,7 @@
 """Bad inputs are answered by an error that names the argument; none is let in.
 
-The tables are `tests.bad_inputs` and `tests.bad_scenes`. An answer counts as named if it is a `ValueError` whose
-message begins with the name of the argument, before the first colon.
+The tables are `tests.bad_inputs` and `tests.bad_scenes`. An answer counts as named if
+it is a `ValueError` whose message has the name of the argument before the first colon.
 """
 
 import collections
