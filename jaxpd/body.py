@@ -39,8 +39,8 @@ def values_at(what: str, value: Any, X: np.ndarray) -> np.ndarray:
     out = real(given)
     if out is None or not np.isfinite(out).all() or out.shape not in ((), (len(X),)):
         raise ValueError(
-            f"{what}: {value} gives {given!r}, which must be finite numbers, one or "
-            f"one for each of the {len(X)} points"
+            f"{what}: {value} must be finite numbers, one or one for each of the "
+            f"{len(X)} points; it is no number, not finite or of another shape"
         )
     return np.broadcast_to(out.astype(float), (len(X),))
 
