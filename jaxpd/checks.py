@@ -12,8 +12,8 @@ import math
 from collections.abc import Collection, Sequence
 from typing import Any
 
-import jax
 import numpy as np
+from jax.core import Tracer
 
 #: Kinds of NumPy's types that are real numbers.
 REAL = "fiu"
@@ -33,7 +33,7 @@ def _wanted(above: float, least: float, below: float, most: float) -> str:
     return "be a number"
 
 
-def real(value: Any) -> np.ndarray | None:
+def real(value: Any) -> Any:
     """The numbers as an array, or None if they are none: text, True, None, objects."""
     try:
         array = np.asarray(value)
@@ -68,7 +68,7 @@ def numbers(
     Raises:
         ValueError: naming the argument.
     """
-    if isinstance(value, jax.core.Tracer):
+    if isinstance(value, Tracer):
         return value
     array = real(value)
     if array is not None and array.size:
@@ -91,7 +91,7 @@ def number(name: str, value: Any, **limits: Any) -> Any:
     Raises:
         ValueError: naming the argument.
     """
-    if not isinstance(value, jax.core.Tracer):
+    if not isinstance(value, Tracer):
         array = real(value)
         if array is not None and array.ndim:
             raise ValueError(f"{name}: {value!r} must be a single number")

@@ -103,7 +103,8 @@ def bounded(
     Raises:
         ValueError: if the first guess does not lie between them.
     """
-    number("low", low), number("high", high)
+    for name, end in (("low", low), ("high", high)):
+        number(name, end)
     x = np.asarray(numbers("start", start, above=low, below=high), float)
     return Variable(x, Bounded(float(low), float(high)), place)
 

@@ -245,7 +245,9 @@ def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
 
 def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> str:
     plain = elastic and softening is None
-    able = dict(zip(KINDS, (plain and regular, plain, True), strict=True))
+    able: dict[str, bool] = dict(
+        zip(KINDS, (plain and regular, plain, True), strict=True)
+    )
     if asked == "auto":
         return next(kind for kind, can in able.items() if can)
     if not able[asked]:

@@ -58,7 +58,8 @@ def check_given(scene: Scene, X: np.ndarray) -> None:
     """
     check_inside(scene.cracks, X)
     for name in ("E", "rho", "G0", "s_crit"):
-        shape = np.shape(getattr(scene.material, name, None))
+        given: Any = getattr(scene.material, name, None)
+        shape = np.shape(given)
         if shape not in ((), (len(X),)):
             raise ValueError(
                 f"{name}: of shape {shape} must be one number, or one for each of the "

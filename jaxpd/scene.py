@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from jaxpd.checks import instance, numbers, word
 from jaxpd.conditions import Load, Start, Support
@@ -28,7 +29,7 @@ def check_law(name: str, law: Any) -> None:
         ValueError: naming the number that is none.
     """
     for path, leaf in jax.tree_util.tree_leaves_with_path(law):
-        if not path and not isinstance(leaf, jax.core.Tracer):
+        if not path and not isinstance(leaf, Tracer):
             raise ValueError(
                 f"{name}: {law!r} must be Elastic, Solid or a law: a frozen dataclass "
                 "of numbers registered with jax.tree_util.register_dataclass"

@@ -132,7 +132,7 @@ def test_bad_scenes_are_refused_with_the_cure(changes, options, words):
 def test_scene_values_are_checked_where_they_are_given():
     with pytest.raises(ValueError, match="kinematics: 'large' must be"):
         block(kinematics="large")
-    with pytest.raises(ValueError, match="x: nan must be a number, and finite"):
+    with pytest.raises(ValueError, match=r"x: nan must be a number, and finite"):
         jaxpd.moves(jaxpd.above(y=0), x=np.nan)
     with pytest.raises(ValueError, match="needs at least one of"):
         jaxpd.moves(jaxpd.above(y=0))

@@ -116,12 +116,11 @@ def _check(
     fixed: dict[str, Any],
 ) -> None:
     word("job", job, ("auto", *JOBS))
-    given = {"accuracy": accuracy, "seconds": seconds, "duration": duration}
-    for name, value in given.items():
+    wishes = (("accuracy", accuracy), ("seconds", seconds), ("duration", duration))
+    for name, value in wishes:
         if value is not None:
             number(name, value, above=0, cure="or leave it out")
-    if accuracy is not None and accuracy >= 1:
-        raise ValueError(f"accuracy: {accuracy} is a relative error, below 1")
+            number(name, value, below=1 if name == "accuracy" else np.inf)
     for name in fixed:
         if name not in FIELDS:
             raise ValueError(f"{name}: is no field of a plan; they are {FIELDS}")
