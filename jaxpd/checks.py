@@ -114,9 +114,12 @@ def whole(name: str, value: Any, least: int = 1, cure: str = "") -> int:
     Raises:
         ValueError: naming the argument.
     """
-    array = real(value)
-    single = array is not None and array.ndim == 0 and np.isfinite(array)
-    if single and float(array).is_integer() and array >= least:
+    array: Any = real(value)
+    if array is None or array.ndim or not np.isfinite(array):
+        good = False
+    else:
+        good = float(array).is_integer() and bool(array >= least)
+    if good:
         return int(array)
     more = f"; {cure}" if cure else ""
     raise ValueError(

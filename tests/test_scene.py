@@ -153,7 +153,7 @@ def test_words_and_bodies_are_checked_where_they_are_given():
         block(body="plate")
     with pytest.raises(ValueError, match="correction: 'some' must be"):
         jaxpd.Bonds(dx=0.125, m=3, correction="some")
-    with pytest.raises(ValueError, match="m: 0.5 must be a number at least 1"):
+    with pytest.raises(ValueError, match=r"m: 0.5 must be a number at least 1"):
         jaxpd.Bonds(dx=0.125, m=0.5)
 
 
