@@ -115,12 +115,10 @@ def whole(name: str, value: Any, least: int = 1, cure: str = "") -> int:
         ValueError: naming the argument.
     """
     array: Any = real(value)
-    if array is None or array.ndim or not np.isfinite(array):
-        good = False
-    else:
-        good = float(array).is_integer() and bool(array >= least)
-    if good:
-        return int(array)
+    if array is not None and not array.ndim and np.isfinite(array):
+        integer = float(array).is_integer()
+        if integer and array >= least:
+            return int(array)
     more = f"; {cure}" if cure else ""
     raise ValueError(
         f"{name}: {value!r} must be a whole number, at least {least}{more}"

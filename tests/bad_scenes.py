@@ -3,6 +3,9 @@
 `CASES` as in `tests.bad_inputs`: a label, the name that must be told, a call.
 """
 
+# wrong types are what is tried here
+# pyright: reportArgumentType=false
+
 import functools
 
 import numpy as np
