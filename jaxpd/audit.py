@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from jaxpd._types import PointScalar, PointVector
 from jaxpd.body import check_bonds, cloud_of
+from jaxpd.checks import instance, word
 from jaxpd.compiling import quickly
 from jaxpd.conditions import holds
 from jaxpd.discretize.surface import CORRECTIONS
@@ -136,6 +137,12 @@ def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
         ValueError: on another material, or a correction asked for by name that the
             scene cannot have.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
+    some = CORRECTIONS if corrections is None else corrections
+    if not isinstance(some, list | tuple) or not some:
+        raise ValueError(f"corrections: give at least one, not {corrections!r}")
+    for name in some:
+        word("corrections", name, CORRECTIONS)
     check_bonds(scene, "an audit of surfaces")
     material = scene.material
     if not isinstance(material, Elastic) or np.ndim(material.E):
@@ -143,8 +150,6 @@ def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
             f"material: {material!r} must be Elastic with one modulus E; the audit "
             "compares with its constants"
         )
-    if not set(corrections or ()) <= set(CORRECTIONS):
-        raise ValueError(f"corrections: {corrections} must be among {CORRECTIONS}")
     scene = _held(scene)
     constants, refused, problem = {}, {}, None
     for correction in CORRECTIONS if corrections is None else corrections:
@@ -160,8 +165,7 @@ def audit(scene: Scene, corrections: Sequence[str] | None = None) -> Audit:
             refused[correction] = str(error)
             continue
         constants[correction] = _constants(problem, material)
-    if problem is None:
-        raise ValueError("corrections: give at least one name")
+    assert problem is not None
     return Audit(np.asarray(problem.X), *_places(scene), constants, refused)
 
 

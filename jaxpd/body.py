@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.checks import real
 from jaxpd.discretize.directional import DIRECTIONAL
 from jaxpd.discretize.surface import CORRECTIONS
 from jaxpd.geometry import (
@@ -23,17 +24,25 @@ from jaxpd.geometry import (
     pieces,
 )
 from jaxpd.laminate import Laminate
-from jaxpd.resolution import NODES, Kernel
+from jaxpd.resolution import NODES, Kernel, check_horizon
 from jaxpd.scene import Elastic, Scene
 from jaxpd.schedule import ALWAYS, Table
 
 
-def values_at(value: Any, X: np.ndarray) -> np.ndarray:
-    """A number, or a callable of the positions X [n, d], at each of them [n]."""
-    out = np.asarray(value(X) if callable(value) else value, float)
-    if not np.isfinite(out).all():
-        raise ValueError(f"value: {value} gives numbers that are not finite")
-    return np.broadcast_to(out, (len(X),))
+def values_at(what: str, value: Any, X: np.ndarray) -> np.ndarray:
+    """A number, or a callable of the positions X [n, d], at each of them [n].
+
+    Raises:
+        ValueError: naming `what`, on values that are no finite numbers [] or [n].
+    """
+    given = value(X) if callable(value) else value
+    out = real(given)
+    if out is None or not np.isfinite(out).all() or out.shape not in ((), (len(X),)):
+        raise ValueError(
+            f"{what}: {value} must be finite numbers, one or one for each of the "
+            f"{len(X)} points; it is no number, not finite or of another shape"
+        )
+    return np.broadcast_to(out.astype(float), (len(X),))
 
 
 def check_bonds(scene: Scene, what: str) -> None:
@@ -65,6 +74,7 @@ def cloud_of(scene: Scene) -> Cloud:
     resolution = scene.resolution
     if resolution.dx is None:
         raise ValueError("dx: None; a box needs a spacing, as in Bonds(dx=1/64, m=8)")
+    check_horizon(resolution, scene.body)
     return lattice(
         scene.body.lo,
         scene.body.hi,
@@ -103,7 +113,7 @@ def supports_on(
                 fixed[inside, axis] = True
                 values[:, inside, axis] = 0.0
                 row = values[tables.index(support.time)]
-                row[inside, axis] = values_at(value, X[inside])
+                row[inside, axis] = values_at("supports", value, X[inside])
     return fixed, values, tables
 
 
@@ -139,7 +149,7 @@ def loads_on(
                         f"{'xyz'[axis]}; nothing is left for the resultant to pull at"
                     )
                 share = vol[at] / (1.0 if load.kind == "density" else vol[at].sum())
-                row[at, axis] += area * share * values_at(value, X[at])
+                row[at, axis] += area * share * values_at("loads", value, X[at])
     return total, tables
 
 
@@ -191,7 +201,7 @@ def starts_on(scene: Scene, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             check_axes("starts", components, scene.d)
             for axis, value in enumerate(components[: scene.d]):
                 if value is not None:
-                    what[inside, axis] = values_at(value, X[inside])
+                    what[inside, axis] = values_at("starts", value, X[inside])
     return u, v
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.checks import instance, number
 from jaxpd.geometry import Region
 from jaxpd.schedule import ALWAYS, STEADY, Table
 
@@ -52,16 +53,17 @@ class Load:
     time: Table = ALWAYS
 
 
-def _components(x: Any, y: Any, z: Any, what: str) -> tuple[Any, Any, Any]:
-    for name, value in zip("xyz", (x, y, z), strict=True):
-        if value is not None and not callable(value) and not np.isfinite(value):
-            raise ValueError(f"{name}: {value} is not finite; {what} must be numbers")
-    return x, y, z
+def _components(names: str, values: tuple[Any, ...], free: bool) -> tuple[Any, ...]:
+    """Values by name, numbers or callables; None only where a component may be free."""
+    for name, value in zip(names.split(), values, strict=True):
+        if not (callable(value) or (free and value is None)):
+            number(name, value, cure="or a callable of X")
+    return values
 
 
-def _check_time(time: Any) -> None:
-    if not isinstance(time, Table):
-        raise ValueError(f"time: {time!r} must be a ramp(..) or a table(..)")
+def _check(region: Any, time: Any = ALWAYS, name: str = "region") -> None:
+    instance(name, region, Region, "a region, as above(y=0.02)")
+    instance("time", time, Table, "a ramp(..) or a table(..)")
 
 
 def moves(
@@ -73,8 +75,8 @@ def moves(
     time: Table = ALWAYS,
 ) -> Support:
     """Prescribe displacements (m) in a region; components left out stay free."""
-    _check_time(time)
-    parts = _components(x, y, z, "prescribed displacements")
+    _check(region, time)
+    parts = _components("x y z", (x, y, z), free=True)
     if parts == (None, None, None):
         raise ValueError("x: moves() needs at least one of x, y, z")
     return Support(region, parts, time)
@@ -88,7 +90,8 @@ def drives(
     z: Value | None = None,
 ) -> Support:
     """Prescribe velocities (m/s) from time 0 on; components left out stay free."""
-    parts = _components(x, y, z, "prescribed velocities")
+    _check(region)
+    parts = _components("x y z", (x, y, z), free=True)
     if parts == (None, None, None):
         raise ValueError("x: drives() needs at least one of x, y, z")
     return Support(region, parts, STEADY)
@@ -96,6 +99,7 @@ def drives(
 
 def holds(region: Region) -> Support:
     """Hold a region: all displacement components are zero."""
+    _check(region)
     return Support(region, (0.0, 0.0, 0.0))
 
 
@@ -108,8 +112,8 @@ def body_force(
     time: Table = ALWAYS,
 ) -> Load:
     """A body force density (N/m^3) in a region."""
-    _check_time(time)
-    return Load(region, _components(x, y, z, "loads"), "density", time)
+    _check(region, time)
+    return Load(region, _components("x y z", (x, y, z), free=False), "density", time)
 
 
 def pull(
@@ -121,8 +125,8 @@ def pull(
     time: Table = ALWAYS,
 ) -> Load:
     """A resultant force (N), spread over a region in proportion to volume."""
-    _check_time(time)
-    return Load(region, _components(x, y, z, "loads"), "resultant", time)
+    _check(region, time)
+    return Load(region, _components("x y z", (x, y, z), free=False), "resultant", time)
 
 
 def traction(
@@ -144,10 +148,9 @@ def traction(
         z: see x.
         time: factor over time of motion.
     """
-    if not isinstance(face, Region):
-        raise ValueError(f"face: {face!r} must be a region, as above(y=0.02)")
-    _check_time(time)
-    return Load(face, _components(x, y, z, "tractions"), "traction", time)
+    _check(face, time, "face")
+    parts = _components("x y z", (x, y, z), free=False)
+    return Load(face, parts, "traction", time)
 
 
 def pressure(region: Region, p: Value, *, time: Table = ALWAYS) -> Load:
@@ -158,10 +161,9 @@ def pressure(region: Region, p: Value, *, time: Table = ALWAYS) -> Load:
     Raises:
         ValueError: if p is no finite number, or `region` none.
     """
-    if not isinstance(region, Region):
-        raise ValueError(f"region: {region!r} must be a region, as ball((0, 0), 1.0)")
-    _check_time(time)
-    return Load(region, _components(p, 0.0, 0.0, "pressures"), "pressure", time)
+    _check(region, time)
+    _components("p", (p,), free=False)
+    return Load(region, (p, 0.0, 0.0), "pressure", time)
 
 
 @dataclass(frozen=True)
@@ -190,8 +192,9 @@ def initially(
     vz: Value | None = None,
 ) -> Start:
     """Displacements (m) and velocities (m/s) at time 0; those left out are 0."""
-    u = _components(ux, uy, uz, "initial displacements")
-    v = _components(vx, vy, vz, "initial velocities")
+    _check(region)
+    u = _components("ux uy uz", (ux, uy, uz), free=True)
+    v = _components("vx vy vz", (vx, vy, vz), free=True)
     if u == v == (None, None, None):
         raise ValueError("ux: initially() needs at least one component of u or v")
     return Start(region, u, v)

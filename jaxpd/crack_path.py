@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import label
 
+from jaxpd.checks import number, real
+
 
 @dataclass(frozen=True, eq=False)
 class Branching:
@@ -189,6 +191,9 @@ def _need(true: Any, name: str, value: Any, cure: str) -> None:
 
 def _lattice(X: Any, shape: Any, phi: Any, threshold: float, t: Any) -> Any:
     """Columns x, rows y, damage [F, nx, ny], times and spacing, checked."""
+    for name, given in (("X", X), ("shape", shape), ("phi", phi), ("t", t)):
+        _need(real(given) is not None, name, repr(given), "must be numbers")
+    number("threshold", threshold, above=0, below=1)
     X, phi, t = np.asarray(X, float), np.asarray(phi), np.asarray(t, float)
     n = int(np.prod(shape))
     fits = len(shape) == 2 and min(shape) > 1 and X.shape == (n, 2)
@@ -196,7 +201,6 @@ def _lattice(X: Any, shape: Any, phi: Any, threshold: float, t: Any) -> Any:
     fits = phi.ndim == 2 and phi.shape[1] == n and len(phi) > 0
     _need(fits, "phi", phi.shape, f"must be [F, {n}], a row for each output")
     _need(np.isfinite(phi).all(), "phi", "NaN or infinite", "must be finite")
-    _need(0 < threshold < 1, "threshold", threshold, "must be in 0..1")
     fits = t.shape == phi.shape[:1] and (np.diff(t) > 0).all()
     _need(fits, "t", t, f"must be {len(phi)} growing times")
     dx = float(X[-1, 1] - X[0, 1]) / (shape[1] - 1)

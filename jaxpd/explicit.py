@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd import io
+from jaxpd.checks import flag, number, whole
 from jaxpd.launch import longest_dt, prepared
 from jaxpd.motion import Motion
 from jaxpd.progress import bar
@@ -105,21 +106,18 @@ def run_explicit(
             folder of another run.
     """
     started = time.perf_counter()
-    motion = prepared(scene, options)
-    if not 0 < duration < math.inf or records < 1 or int(records) != records:
-        raise ValueError(
-            f"duration: {duration} must be positive and finite (s), records: {records} "
-            "a whole number of at least 1"
-        )
-    if frames < 0 or (frames and records % frames):
+    number("duration", duration, above=0, cure="in s")
+    records, frames = whole("records", records), whole("frames", frames, 0)
+    number("safety", safety, above=0, most=1)
+    flag("unstable_dt", unstable_dt)
+    if dt is not None:
+        number("dt", dt, above=0, cure="in s")
+    if frames and records % frames:
         raise ValueError(f"frames: {frames} must divide records = {records}, or be 0")
+    motion = prepared(scene, options)
     longest = longest_dt(motion)
     if dt is None:
-        if not 0 < safety <= 1:
-            raise ValueError(f"safety: {safety} must lie between 0 and 1")
         dt = safety * min(longest, duration)
-    if not dt > 0:
-        raise ValueError(f"dt: {dt} must be positive (s)")
     if dt > longest * (1.0 + 1e-9) and not unstable_dt:
         raise ValueError(
             f"dt: {dt:.6g} s is above the stable step {longest:.6g} s; leave it out, "

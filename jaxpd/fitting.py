@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxpd.checks import number, whole
 from jaxpd.descent import State, advance, begin
 from jaxpd.inverse import Inverse, Penalty, Values, Variable, check_variable
 from jaxpd.io import check_folder, load_state, save_state
@@ -159,9 +160,10 @@ def fit(
         raise ValueError(
             f"method: {method!r} must be 'lbfgs', 'adam' or a transformation of optax"
         )
-    for name, number in (("steps", steps), ("rate", rate), ("every", every)):
-        if not number > 0:
-            raise ValueError(f"{name}: {number} must be positive")
+    steps, every = whole("steps", steps), whole("every", every)
+    number("rate", rate, above=0)
+    number("gtol", gtol, least=0)
+    number("rtol", rtol, least=0)
     if isinstance(observations, Observation):
         observations = [observations]
     if isinstance(penalties, Penalty):
@@ -180,6 +182,8 @@ def fit(
                     "jaxpd.inverse.positive, jaxpd.observe.observation, "
                     "jaxpd.inverse.smooth"
                 )
+    if not hasattr(problem, "params"):
+        raise ValueError(f"problem: {problem!r} must be of prepare(scene)")
     for name, variable in variables.items():
         check_variable(problem, name, variable)
     inverse = Inverse(problem, variables, tuple(observations), tuple(penalties))

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.checks import number, whole, word
 from jaxpd.problem import Params, Problem
 from jaxpd.solvers.status import NotConverged, Status
 
@@ -117,9 +118,11 @@ def taylor(
     Raises:
         ValueError: on an unknown mode or order.
     """
-    if mode not in ("reverse", "forward"):
-        raise ValueError(f"mode: {mode!r} must be 'reverse' or 'forward'")
-    if order not in (1, 2):
+    word("mode", mode, ("reverse", "forward"))
+    number("noise", noise, above=0)
+    if not callable(function):
+        raise ValueError(f"function: {function!r} must be called as function(at)")
+    if whole("order", order) not in (1, 2):
         raise ValueError(f"order: {order} must be 1 or 2")
     h = 0.1 * 0.5 ** np.arange(9) if steps is None else np.asarray(steps, float)
 

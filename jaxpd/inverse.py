@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
+from jaxpd.checks import number, numbers
 from jaxpd.observe import Observation
 from jaxpd.problem import Params, Problem
 from jaxpd.solvers.status import Status
@@ -87,8 +88,7 @@ def positive(
     Raises:
         ValueError: if the first guess is not.
     """
-    if not (np.asarray(start) > 0).all():
-        raise ValueError(f"start: {start} must be positive")
+    numbers("start", start, above=0)
     return Variable(np.asarray(start, float), Positive(), place)
 
 
@@ -103,9 +103,9 @@ def bounded(
     Raises:
         ValueError: if the first guess does not lie between them.
     """
-    x = np.asarray(start, float)
-    if not ((x > low) & (x < high)).all():
-        raise ValueError(f"start: {start} must lie between {low} and {high}")
+    for name, end in (("low", low), ("high", high)):
+        number(name, end)
+    x = np.asarray(numbers("start", start, above=low, below=high), float)
     return Variable(x, Bounded(float(low), float(high)), place)
 
 
@@ -117,8 +117,8 @@ def free(
     Raises:
         ValueError: if the scale is not positive.
     """
-    if not scale > 0:
-        raise ValueError(f"scale: {scale} must be positive")
+    number("scale", scale, above=0, cure="how far it is expected to move")
+    numbers("start", start)
     return Variable(np.asarray(start, float), Free(float(scale)), place)
 
 
@@ -187,10 +187,9 @@ def smooth(
     Raises:
         ValueError: on a negative weight or slope, or if `name` is no nodal variable.
     """
-    if not (np.isfinite(weight) and weight >= 0):
-        raise ValueError(f"weight: {weight} must not be negative")
-    if edges is not None and not edges > 0:
-        raise ValueError(f"edges: {edges} must be positive (1/m), or None")
+    number("weight", weight, least=0)
+    if edges is not None:
+        number("edges", edges, above=0, cure="in 1/m, or None")
     X, params = np.asarray(problem.X), problem.params
     n, d = X.shape
     size = params["dx"] ** d * np.ones(n) if "dx" in params else params["vol"]

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import jax
-import numpy as np
 
 from jaxpd._types import Scalar
+from jaxpd.checks import flag, number, word
 from jaxpd.geometry import Box
 
 RULES = ("calibrated", "rigid", "paper")
@@ -82,28 +82,16 @@ def interlayer(
     Raises:
         ValueError: on numbers out of range.
     """
-    for name, value, needed in (
-        ("E", E, True),
-        ("shear", shear, False),
-        ("G0", G0, False),
-        ("delta", delta, False),
-    ):
-        if (value is None and needed) or not (value is None or _positive(value)):
-            raise ValueError(f"{name}: {value!r} must be a positive, finite number")
-    if not (rho == 0.0 or _positive(rho)):
-        raise ValueError(f"rho: {rho!r} must be at least 0 (kg/m^3)")
-    if not isinstance(one_way, bool):
-        raise ValueError(f"one_way: {one_way!r} must be True or False")
-    if rule not in RULES:
-        raise ValueError(f"rule: {rule!r} must be one of {RULES}")
+    number("E", E, above=0, cure="in Pa")
+    for name, value in (("shear", shear), ("G0", G0), ("delta", delta)):
+        if value is not None:
+            number(name, value, above=0, cure="or None")
+    number("rho", rho, least=0, cure="in kg/m^3")
+    flag("one_way", one_way)
+    word("rule", rule, RULES)
     if rule == "paper" and shear is not None:
         raise ValueError("shear: bonds alone make the rule 'paper'; leave it out")
     return Interlayer(E, shear, G0, rho, delta, rule, one_way)
-
-
-def _positive(value: Any) -> bool:
-    real = isinstance(value, float | int | np.number) and not isinstance(value, bool)
-    return real and bool(np.isfinite(value) and value > 0)
 
 
 def adhesive(E: float, nu: float, **more: Any) -> Interlayer:
@@ -120,10 +108,8 @@ def adhesive(E: float, nu: float, **more: Any) -> Interlayer:
     Raises:
         ValueError: on numbers out of range.
     """
-    if not _positive(E):
-        raise ValueError(f"E: {E!r} must be a positive, finite number")
-    if not (isinstance(nu, float | int) and 0 <= nu < 0.5):
-        raise ValueError(f"nu: {nu!r} must lie between 0 and 1/2; use interlayer()")
+    number("E", E, above=0, cure="in Pa")
+    number("nu", nu, least=0, below=0.5, cure="else use interlayer()")
     if "shear" in more:
         raise ValueError("shear: follows from E and nu; use interlayer() to give it")
     held = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))

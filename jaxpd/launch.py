@@ -15,6 +15,7 @@ from jaxpd.body import (
     starts_on,
     supports_on,
 )
+from jaxpd.checks import instance, number, word
 from jaxpd.course import Course
 from jaxpd.cuts import cut_bonds, memory_of, unbreakable
 from jaxpd.discretize import beyond_faces
@@ -22,7 +23,7 @@ from jaxpd.discretize.extension import check_cracks
 from jaxpd.geometry import find, find_on_grid
 from jaxpd.glue import glue_of
 from jaxpd.laminate import Laminate
-from jaxpd.model import correction_of, model_of, stiffening_of
+from jaxpd.model import check_given, correction_of, model_of, stiffening_of
 from jaxpd.motion import Motion
 from jaxpd.operators.ghosts import start
 from jaxpd.operators.pulled_motion import PulledMotion
@@ -39,6 +40,7 @@ from jaxpd.solvers.newton import Newton
 from jaxpd.stack import own, stacked
 
 DTYPES = ("float32", "float64")
+KINDS = ("halves", "slots", "memory")
 
 
 def prepare_motion(
@@ -65,18 +67,21 @@ def prepare_motion(
     Raises:
         ValueError: naming the argument, its value and the cure.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
+    word("operator", operator, ("auto", *KINDS))
     check_bonds(scene, "motion")
     if scene.weak:
         raise ValueError("weak: is for solve_fracture; say no_fail here")
     real = jax.dtypes.canonicalize_dtype(float).name
     dtype = real if dtype is None else dtype
-    if dtype not in DTYPES or (dtype == "float64" and real != dtype):
+    word("dtype", dtype, DTYPES)
+    if dtype == "float64" and real != dtype:
         raise ValueError(
-            f"dtype: {dtype!r} must be one of {DTYPES}; 64 bits need "
+            f"dtype: {dtype!r} needs 64 bits: "
             "jax.config.update('jax_enable_x64', True) before any array is made"
         )
-    if softening is not None and not 0 < softening < 1:
-        raise ValueError(f"softening: {softening} must lie between 0 and 1")
+    if softening is not None:
+        number("softening", softening, above=0, below=1, cure="or None")
     if isinstance(scene.body, Laminate):
         return _laminated(scene, operator, dtype, softening)
     material, resolution = scene.material, scene.resolution
@@ -92,6 +97,7 @@ def prepare_motion(
         raise ValueError("softening: is for Elastic with a fracture energy G0")
     cloud = cloud_of(scene)
     X, vol, delta = np.asarray(cloud.X), np.asarray(cloud.vol), resolution.horizon
+    check_given(scene, X)
     model, params = model_of(scene)
     if not elastic and not hasattr(params["law"], "advance"):
         s_crit = np.where(unbreakable(scene, X), np.inf, material.s_crit)
@@ -230,6 +236,7 @@ def _laminated(
 
 def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
     """The motion of a scene, or the one given, which takes no options any more."""
+    instance("scene", scene, Scene | Motion, "a Scene(..), or of prepare_motion")
     if not isinstance(scene, Motion):
         return prepare_motion(scene, **options)
     if options:
@@ -239,11 +246,11 @@ def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
 
 def _kind(asked: str, regular: bool, elastic: bool, softening: float | None) -> str:
     plain = elastic and softening is None
-    able = {"halves": plain and regular, "slots": plain, "memory": True}
+    able: dict[str, bool] = dict(
+        zip(KINDS, (plain and regular, plain, True), strict=True)
+    )
     if asked == "auto":
         return next(kind for kind, can in able.items() if can)
-    if asked not in able:
-        raise ValueError(f"operator: {asked!r} must be 'auto' or one of {[*able]}")
     if not able[asked]:
         raise ValueError(
             f"operator: {asked!r} is for Elastic"

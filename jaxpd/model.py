@@ -12,6 +12,7 @@ from jaxpd.assembly import Params
 from jaxpd.body import check_correction
 from jaxpd.discretize.bulk import energy_ratio
 from jaxpd.geometry import Cloud
+from jaxpd.geometry.crack import check_inside
 from jaxpd.physics import bond_block, elastic
 from jaxpd.resolution import Kernel
 from jaxpd.scene import Elastic, Scene, Solid
@@ -47,6 +48,23 @@ def model_of(scene: Scene) -> tuple[tuple[str, float | None, str], Params]:
             "energy(xi, eta) or force(xi, eta); see jaxpd.physics.bond"
         )
     return ("law", None, ""), {"law": _floats("material", law)}
+
+
+def check_given(scene: Scene, X: np.ndarray) -> None:
+    """Refuse fields that are not one number a point, and cracks beside the body.
+
+    Raises:
+        ValueError: naming the field, or the crack.
+    """
+    check_inside(scene.cracks, X)
+    for name in ("E", "rho", "G0", "s_crit"):
+        given: Any = getattr(scene.material, name, None)
+        shape = np.shape(given)
+        if shape not in ((), (len(X),)):
+            raise ValueError(
+                f"{name}: of shape {shape} must be one number, or one for each of the "
+                f"{len(X)} points [{len(X)}]"
+            )
 
 
 def check_whole(scene: Scene) -> None:

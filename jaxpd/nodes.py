@@ -257,5 +257,5 @@ def values_inside(parts: Any, inside: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Values [n, d] of components inside a region, zero outside."""
     out = np.zeros((len(X), len(parts)))
     for a, value in enumerate(parts):
-        out[inside, a] = values_at(value, X[inside])
+        out[inside, a] = values_at("loads", value, X[inside])
     return out

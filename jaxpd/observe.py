@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import Partial
 
+from jaxpd.checks import real
 from jaxpd.geometry import Crack, Region
 from jaxpd.problem import Params, Problem
 
@@ -64,6 +65,12 @@ def observation(
         ValueError: without data, on infinite ones, on noise that is not positive, or on
             a number of rows that is not that of the load factors.
     """
+    if real(data) is None:
+        raise ValueError(f"data: {data!r} must be numbers, NaN where they are missing")
+    if sigma is not None and real(sigma) is None:
+        raise ValueError(f"sigma: {sigma!r} must be a number, or one for each of data")
+    if not callable(predict):
+        raise ValueError(f"predict: {predict!r} must be a function of a solution")
     values = np.asarray(data, float)
     there = np.isfinite(values)
     factors = None if load_factors is None else tuple(map(float, load_factors))

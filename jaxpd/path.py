@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from jaxpd import io
+from jaxpd.checks import instance, numbers, whole
 from jaxpd.geometry import Region
 from jaxpd.prepare import prepare
 from jaxpd.progress import bar
@@ -206,20 +207,20 @@ def solve_path(
             path.
     """
     started = time.perf_counter()
+    instance("scene", scene, Scene, "a Scene(..)")
     if not isinstance(scene.resolution, NODES):
         raise ValueError(
             "resolution: load steps with a memory are for nodes, resolution=MLS(..) or "
             "RKPM(..); solve_static and run_explicit are for bonds"
         )
-    targets = np.asarray(times, float)
+    targets = np.asarray(numbers("times", times, cure="in s"), float)
     if (
         targets.ndim != 1
         or not len(targets)
         or not (np.diff(targets, prepend=0.0) > 0).all()
     ):
         raise ValueError(f"times: {times} must rise strictly, from above 0")
-    if not max_halvings >= 0:
-        raise ValueError(f"max_halvings: {max_halvings} must not be negative")
+    max_halvings = whole("max_halvings", max_halvings, 0)
     problem = prepare(
         scene,
         solver=solver,

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from jaxpd.body import check_free, check_loose
 from jaxpd.discretize.interlayer import Joint
 from jaxpd.geometry import GridFamily, grid_pieces, lattice, pieces
+from jaxpd.geometry.crack import beside, check_inside
 from jaxpd.laminate import Laminate
 from jaxpd.problem import Problem
 from jaxpd.scene import Elastic, Scene
@@ -26,6 +27,8 @@ def ply_scenes(scene: Scene) -> list[Scene]:
     """Each ply of a laminate as a scene of its own, without supports and loads."""
     body = laminate_of(scene)
     _check_materials(scene)
+    corners = np.array([at for box in body.plies for at in (box.lo, box.hi)])
+    check_inside(scene.cracks, corners)
     found = []
     for i, box in enumerate(body.plies):
         material, resolution = (
@@ -51,6 +54,7 @@ def ply_scenes(scene: Scene) -> list[Scene]:
                 supports=(),
                 loads=(),
                 starts=(),
+                cracks=[c for c in scene.cracks if not beside(c, X)],
                 no_fail=[r for r in scene.no_fail if r.contains(X).any()],
             )
         )

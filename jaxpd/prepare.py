@@ -20,6 +20,7 @@ from jaxpd.body import (
     still,
     supports_on,
 )
+from jaxpd.checks import instance, number, whole, word
 from jaxpd.discretize import beyond_faces
 from jaxpd.discretize.directional import DIRECTIONAL
 from jaxpd.geometry import Cloud, GridFamily, find, find_on_grid
@@ -27,6 +28,7 @@ from jaxpd.geometry.grid_family import offset_sums
 from jaxpd.glue import glue_of
 from jaxpd.laminate import Laminate
 from jaxpd.model import (
+    check_given,
     check_whole,
     correction_of,
     is_symmetric,
@@ -90,15 +92,12 @@ def prepare(
             of reach, points without bonds, rigid-body motion left free, an unknown
             word, a tolerance that float32 cannot reach.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
     known = TANGENTS[isinstance(scene.resolution, NODES)]
-    _check_words(solver, operator, (tangent, known), rtol, load_steps)
-    for name, number in (
-        ("max_iterations", max_iterations),
-        ("linear_maxiter", linear_maxiter),
-        ("linear_rtol", 1 if linear_rtol is None else linear_rtol),
-    ):
-        if not number > 0:
-            raise ValueError(f"{name}: {number} must be positive")
+    _check_words(solver, operator, (tangent, known), rtol, linear_rtol)
+    load_steps = whole("load_steps", load_steps)
+    max_iterations = whole("max_iterations", max_iterations)
+    linear_maxiter = whole("linear_maxiter", linear_maxiter)
     if isinstance(scene.resolution, NODES):
         if operator != "auto":
             raise ValueError(f"operator: {operator!r} is for bonds; leave it out here")
@@ -137,6 +136,7 @@ def _body(
         )
     X, vol = np.asarray(cloud.X), np.asarray(cloud.vol)
     delta, resolution = scene.resolution.horizon, scene.resolution
+    check_given(scene, X)
     if cloud.lattice is not None and scene.d > 1 and delta < 1.4 * cloud.lattice.dx:
         raise ValueError(
             f"m: {delta / cloud.lattice.dx:g} bonds no diagonal neighbours, and such a "
@@ -264,20 +264,14 @@ def _check_words(
     operator: str,
     tangent: tuple[str, tuple[str, ...]],
     rtol: float,
-    load_steps: int,
+    linear_rtol: float | None,
 ) -> None:
-    for name, word, known in (
-        ("solver", solver, methods()),
-        ("operator", operator, OPERATORS),
-    ):
-        if word not in ("auto", *known):
-            raise ValueError(f"{name}: {word!r} must be 'auto' or one of {known}")
-    if tangent[0] not in tangent[1]:
-        raise ValueError(f"tangent: {tangent[0]!r} must be one of {tangent[1]}")
-    if not 0 < rtol < 1:
-        raise ValueError(f"rtol: {rtol} must lie between 0 and 1; 1e-6 is common")
-    if load_steps < 1:
-        raise ValueError(f"load_steps: {load_steps} must be at least 1")
+    word("solver", solver, ("auto", *methods()))
+    word("operator", operator, ("auto", *OPERATORS))
+    word("tangent", *tangent)
+    number("rtol", rtol, above=0, below=1, cure="1e-6 is common")
+    if linear_rtol is not None:
+        number("linear_rtol", linear_rtol, above=0, below=1, cure="None is rtol")
     if jax.dtypes.canonicalize_dtype(float) != np.float64 and rtol < 1e-3:
         raise ValueError(
             f"rtol: {rtol} is out of reach of float32; put this line before any array "

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointVector
+from jaxpd.checks import number, whole
 from jaxpd.launch import prepared
 from jaxpd.motion import Motion
 from jaxpd.physics.damage import Brittle
@@ -78,8 +79,8 @@ def solve_relaxed(
         ValueError: on arguments out of range, a support that never stops, smoothed
             damage, or a tolerance that float32 cannot reach.
     """
-    if not (rtol > 0 and max_steps > 0):
-        raise ValueError(f"rtol, max_steps: {rtol}, {max_steps} must both be positive")
+    number("rtol", rtol, above=0, below=1, cure="1e-6 is common")
+    max_steps = whole("max_steps", max_steps)
     motion = prepared(scene, options)
     motion = _unbroken(motion)
     course = motion.course

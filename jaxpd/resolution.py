@@ -9,7 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from jaxpd.checks import instance, number, whole, word
 from jaxpd.discretize.schemes import SCHEMES
+from jaxpd.discretize.surface import CORRECTIONS
+from jaxpd.geometry import Box
+from jaxpd.geometry.cloud import check_layers
+from jaxpd.geometry.family import PARTIAL_RULES
 from jaxpd.physics.influence import (
     Conical,
     Constant,
@@ -36,8 +43,8 @@ class Kernel:
     def __post_init__(self):
         """Refuse an unknown name."""
         known = ("fractional", "constant", "conical", "gaussian")
-        if self.name not in known:
-            raise ValueError(f"name: {self.name!r} must be one of {known}")
+        word("name", self.name, known)
+        number("parameter", self.parameter)
 
     def influence(self, d: int, delta: Any) -> Influence:
         """The influence function in d dimensions with horizon `delta` (m)."""
@@ -68,9 +75,15 @@ def conical() -> Kernel:
 
 def gaussian(ratio: float = 1 / 3) -> Kernel:
     """The influence function exp(-(r / (ratio delta))^2)."""
-    if not ratio > 0:
-        raise ValueError(f"ratio: {ratio} must be positive")
+    number("ratio", ratio, above=0, cure="1/3 is common")
     return Kernel("gaussian", float(ratio))
+
+
+def _positive(resolution: Any, *names: str) -> None:
+    """Refuse lengths that are given and not positive."""
+    for name in names:
+        if getattr(resolution, name) is not None:
+            number(name, getattr(resolution, name), above=0, cure="in m")
 
 
 @dataclass(frozen=True)
@@ -109,6 +122,26 @@ class Bonds:
     layers: tuple[tuple[int, int], ...] | None = None
     calibration: str = "continuum"
 
+    def __post_init__(self):
+        """Refuse numbers and words out of range."""
+        _positive(self, "dx", "delta")
+        if self.m is not None:
+            number("m", self.m, least=1, cure="3 to 8 is common")
+        instance(
+            "kernel", self.kernel, Kernel | Influence, "a kernel, as fractional(0.0)"
+        )
+        word("partial", self.partial, PARTIAL_RULES)
+        word("nodes", self.nodes, ("edge", "cell"))
+        word("calibration", self.calibration, ("continuum", "lattice"))
+        if self.layers is not None:
+            check_layers(self.layers, len(self.layers) or 1)
+        if self.dx is not None and (self.delta or self.dx) < self.dx * (1 - 1e-9):
+            raise ValueError(
+                f"delta: {self.delta} is within the spacing {self.dx} and bonds nothing"
+            )
+        if self.correction is not None:
+            word("correction", self.correction, CORRECTIONS, "None is the default")
+
     @property
     def horizon(self) -> float:
         """Horizon (m), from `delta` or `m`.
@@ -121,14 +154,25 @@ class Bonds:
                 f"m: give exactly one of m (got {self.m}) and delta (got {self.delta})"
             )
         if self.delta is not None:
-            if not self.delta > 0:
-                raise ValueError(f"delta: {self.delta} must be positive (m)")
             return float(self.delta)
-        if self.dx is None or not self.dx > 0:
-            raise ValueError(f"dx: {self.dx} must be positive (m) where m is given")
-        if not (self.m or 0) >= 1:
-            raise ValueError(f"m: {self.m} must be at least 1; 3 to 8 is common")
+        if self.dx is None:
+            raise ValueError("dx: None; where m is given a spacing is needed (m)")
         return float(self.m or 0) * self.dx
+
+
+def check_horizon(resolution: Bonds, body: Box) -> None:
+    """Refuse a horizon that is longer than a body, whose units then are wrong.
+
+    Raises:
+        ValueError: naming what the horizon was given by.
+    """
+    size = float(np.linalg.norm(np.subtract(body.hi, body.lo)))
+    if resolution.horizon > size * (1.0 + 1e-9):
+        name = "delta" if resolution.m is None else "m"
+        raise ValueError(
+            f"{name}: the horizon {resolution.horizon:g} m is longer than the body, "
+            f"{size:g} m from corner to corner; make it shorter, and look at the units"
+        )
 
 
 @dataclass(frozen=True)
@@ -157,23 +201,17 @@ class RKPM:
 
     def __post_init__(self):
         """Refuse numbers and words out of range."""
-        if self.dx is not None and not self.dx > 0:
-            raise ValueError(f"dx: {self.dx} must be positive (m)")
-        if self.scheme not in SCHEMES:
-            raise ValueError(f"scheme: {self.scheme!r} must be one of {tuple(SCHEMES)}")
-        if self.degree not in (1, 2, 3):
+        _positive(self, "dx")
+        word("scheme", self.scheme, SCHEMES)
+        if whole("degree", self.degree) not in (1, 2, 3):
             raise ValueError(f"degree: {self.degree} must be 1, 2 or 3; 2 is common")
         if self.degree < 2 and SCHEMES[self.scheme].stabilisation != "none":
             raise ValueError(
                 f"degree: {self.degree} has no second derivatives, which the scheme "
                 f"{self.scheme!r} needs; use 2"
             )
-        if not self.support > 1:
-            raise ValueError(
-                f"support: {self.support} must be above 1 spacing; 2.3 to 3 is common"
-            )
-        if not self.alpha >= 0:
-            raise ValueError(f"alpha: {self.alpha} must not be negative")
+        number("support", self.support, above=1, cure="spacings; 2.3 to 3 is common")
+        number("alpha", self.alpha, least=0)
 
 
 @dataclass(frozen=True)
@@ -215,25 +253,19 @@ class MLS:
 
     def __post_init__(self):
         """Refuse numbers and words out of range."""
-        if self.dx is not None and not self.dx > 0:
-            raise ValueError(f"dx: {self.dx} must be positive (m)")
-        if self.degree not in (1, 2, 3, 4):
+        _positive(self, "dx")
+        if whole("degree", self.degree) not in (1, 2, 3, 4):
             raise ValueError(f"degree: {self.degree} must be 1 to 4; 2 is common")
         for name in ("support", "rim_support"):
             given = getattr(self, name)
-            if given is not None and not given > 1:
-                raise ValueError(
-                    f"{name}: {given} must be above 1 spacing; 2.5 to 4 is common"
-                )
-        if not self.tau >= 0:
-            raise ValueError(f"tau: {self.tau} must not be negative; 0 is no filter")
+            if given is not None:
+                number(name, given, above=1, cure="spacings; 2.5 to 4 is common")
+        number("tau", self.tau, least=0, cure="0 is no filter")
         for name, known in (
             ("scheme", ("auto", "double", "midpoint", "direct")),
             ("volume", ("auto", "nodal", "projected")),
         ):
-            if getattr(self, name) not in known:
-                word = getattr(self, name)
-                raise ValueError(f"{name}: {word!r} must be one of {known}")
+            word(name, getattr(self, name), known)
 
 
 #: Resolutions of nodes with a strain each, for small displacements.

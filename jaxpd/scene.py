@@ -10,13 +10,36 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import jax
 import numpy as np
+from jax.core import Tracer
 
+from jaxpd.checks import instance, numbers, word
 from jaxpd.conditions import Load, Start, Support
 from jaxpd.geometry import Box, Cloud, Crack, HalfSpace, Region
 from jaxpd.laminate import Laminate
 from jaxpd.physics import elastic
 from jaxpd.resolution import NODES, Bonds
+
+
+def check_law(name: str, law: Any) -> None:
+    """Refuse a law that is no pytree of numbers, as bonds and nodes need.
+
+    Raises:
+        ValueError: naming the number that is none.
+    """
+    for path, leaf in jax.tree_util.tree_leaves_with_path(law):
+        if not path and not isinstance(leaf, Tracer):
+            raise ValueError(
+                f"{name}: {law!r} must be Elastic, Solid or a law: a frozen dataclass "
+                "of numbers registered with jax.tree_util.register_dataclass"
+            )
+        numbers(f"{name}{jax.tree_util.keystr(path)}", leaf, endless=True)
+    if not any(hasattr(law, how) for how in ("energy", "force", "step", "advance")):
+        raise ValueError(
+            f"{name}: {law!r} must be Elastic, or a law with a method energy(xi, eta) "
+            "or force(xi, eta); of nodes step(strain, history)"
+        )
 
 
 @dataclass(frozen=True)
@@ -43,8 +66,8 @@ class Elastic:
         """Refuse constants that no stable solid has."""
         elastic.check(self.E, self.nu, self.state)
         for name, value in (("rho", self.rho), ("G0", self.G0)):
-            if value is not None and not np.all(np.asarray(value) > 0):
-                raise ValueError(f"{name}: {value} must be positive, or None")
+            if value is not None:
+                numbers(name, value, above=0, endless=name == "G0", cure="or None")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +87,9 @@ class Solid:
 
     def __post_init__(self):
         """Refuse a solid without mass or strength."""
-        if not (self.rho > 0 and self.s_crit > 0):
-            raise ValueError(
-                f"rho, s_crit: {self.rho}, {self.s_crit} must both be positive"
-            )
+        numbers("rho", self.rho, above=0, cure="in kg/m^3")
+        numbers("s_crit", self.s_crit, above=0, endless=True)
+        check_law("law", self.law)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +141,8 @@ class Scene:
                 isinstance(x, kinds) for x in given
             ):
                 raise ValueError(f"{name}: {given!r} must be a list, as in [one, two]")
+        how = "a box(..), a cloud of points as lattice(..), or a laminate(..)"
+        instance("body", self.body, Box | Cloud | Laminate, how)
         plies = len(self.body.plies) if isinstance(self.body, Laminate) else None
         for name in ("material", "resolution"):
             given = getattr(self, name)
@@ -127,12 +151,16 @@ class Scene:
                     f"{name}: a list of {len(given)} is for a laminate of as many "
                     f"plies, and the body has {plies or 'none'}"
                 )
+        several = type(self.material) in (tuple, list)
+        for material in self.material if several else (self.material,):
+            if not isinstance(material, Elastic | Solid):
+                check_law("material", material)
+        several = type(self.resolution) in (tuple, list)
+        for resolution in self.resolution if several else (self.resolution,):
+            instance("resolution", resolution, (Bonds, *NODES), "Bonds, MLS or RKPM")
         if isinstance(self.resolution, NODES):
             object.__setattr__(self, "kinematics", "small")
-        if self.kinematics not in ("finite", "small"):
-            raise ValueError(
-                f"kinematics: {self.kinematics!r} must be 'finite' or 'small'"
-            )
+        word("kinematics", self.kinematics, ("finite", "small"))
 
     @property
     def d(self) -> int:

@@ -12,7 +12,7 @@ import jaxpd
 
 PACKAGE = Path(jaxpd.__file__).parent
 ROOMS = [
-    "_types", "compiling", "geometry", "physics", "discretize", "operators",
+    "_types", "checks", "compiling", "geometry", "physics", "discretize", "operators",
     "solvers", "schedule", "course", "conditions", "laminate", "resolution", "scene",
     "gallery", "body", "assembly", "model", "problem", "plies", "glue", "stack",
     "nodal_spec", "nodal", "nodes", "galerkin", "weak_nodes", "prepare", "motion",

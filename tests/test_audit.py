@@ -49,7 +49,8 @@ def test_what_a_scene_cannot_have_is_listed_or_refused():
     )  # fmt: skip
     with pytest.raises(ValueError, match="'fictitious' needs a lattice"):
         jaxpd.audit(cloud, ["fictitious"])
+    law = jaxpd.physics.pmb(1.0, 1 / 3, "plane stress", 2, 0.1)
     with pytest.raises(ValueError, match=r"material: .* must be Elastic with one"):
-        jaxpd.audit(dataclasses.replace(scene, material=object()))
+        jaxpd.audit(dataclasses.replace(scene, material=law))
     with pytest.raises(ValueError, match="corrections: give at least one"):
         jaxpd.audit(scene, [])

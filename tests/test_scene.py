@@ -78,7 +78,6 @@ ISLAND = [jaxpd.segment(a, b) for a, b in pairwise([*CORNERS, CORNERS[0]])]
             {},
             r"cracks: .* is in 3-D and the points are in 2-D",
         ),
-        ({"body": "plate"}, {}, r"body: 'plate' must be a box"),
         (
             {"supports": [jaxpd.holds(jaxpd.above(y=7.0))]},
             {},
@@ -88,7 +87,7 @@ ISLAND = [jaxpd.segment(a, b) for a, b in pairwise([*CORNERS, CORNERS[0]])]
         (
             {"loads": [jaxpd.body_force(jaxpd.above(y=0.0), y=lambda X: X[:, 0] / 0)]},
             {},
-            r"value: .* not finite",
+            r"loads: .* must be finite numbers",
         ),
         (
             {"supports": [jaxpd.holds(jaxpd.above(y=-9.0))]},
@@ -96,16 +95,11 @@ ISLAND = [jaxpd.segment(a, b) for a, b in pairwise([*CORNERS, CORNERS[0]])]
             r"supports: every displacement is prescribed",
         ),
         ({"resolution": jaxpd.Bonds(dx=0.125)}, {}, r"m: give exactly one of m"),
-        ({"resolution": jaxpd.Bonds(dx=0.125, m=0.5)}, {}, r"m: 0.5 must be at"),
+        ({"resolution": jaxpd.Bonds(dx=0.125, m=1)}, {}, r"m: 1 bonds no diagonal"),
         ({"resolution": jaxpd.Bonds(delta=0.3)}, {}, r"dx: None; a box needs"),
-        (
-            {"resolution": jaxpd.Bonds(dx=0.125, m=3, correction="some")},
-            {},
-            r"correction: 'some' must be",
-        ),
         ({"resolution": jaxpd.Bonds(dx=0.125, m=1)}, {}, r"m: 1 .* resists no shear"),
-        ({}, {"solver": "magic"}, r"solver: 'magic' must be 'auto' or one of"),
-        ({}, {"operator": "magic"}, r"operator: 'magic' must be 'auto' or one of"),
+        ({}, {"solver": "magic"}, r"solver: 'magic' must be one of"),
+        ({}, {"operator": "magic"}, r"operator: 'magic' must be one of"),
         ({}, {"operator": "fft"}, r"operator: 'fft' is for kinematics='small'"),
         (
             {"material": Hardening(np.ones(81))},
@@ -124,7 +118,7 @@ ISLAND = [jaxpd.segment(a, b) for a, b in pairwise([*CORNERS, CORNERS[0]])]
         ),
         ({}, {"tangent": "magic"}, r"tangent: 'magic' must be one of"),
         ({}, {"rtol": 0.0}, r"rtol: 0.0 must lie between"),
-        ({}, {"load_steps": 0}, r"load_steps: 0 must be at least 1"),
+        ({}, {"load_steps": 0}, r"load_steps: 0 must be a whole number, at least 1"),
     ],
 )
 def test_bad_scenes_are_refused_with_the_cure(changes, options, words):
@@ -138,7 +132,7 @@ def test_bad_scenes_are_refused_with_the_cure(changes, options, words):
 def test_scene_values_are_checked_where_they_are_given():
     with pytest.raises(ValueError, match="kinematics: 'large' must be"):
         block(kinematics="large")
-    with pytest.raises(ValueError, match="x: nan is not finite"):
+    with pytest.raises(ValueError, match=r"x: nan must be a number, and finite"):
         jaxpd.moves(jaxpd.above(y=0), x=np.nan)
     with pytest.raises(ValueError, match="needs at least one of"):
         jaxpd.moves(jaxpd.above(y=0))
@@ -152,6 +146,15 @@ def test_scene_values_are_checked_where_they_are_given():
         gallery.cracked_plate(2)
     with pytest.raises(ValueError, match="loading: 'wind' must be"):
         gallery.cracked_plate(16, loading="wind")
+
+
+def test_words_and_bodies_are_checked_where_they_are_given():
+    with pytest.raises(ValueError, match="body: 'plate' must be a box"):
+        block(body="plate")
+    with pytest.raises(ValueError, match="correction: 'some' must be"):
+        jaxpd.Bonds(dx=0.125, m=3, correction="some")
+    with pytest.raises(ValueError, match=r"m: 0.5 must be a number at least 1"):
+        jaxpd.Bonds(dx=0.125, m=0.5)
 
 
 def test_single_precision_is_refused_with_the_line_to_add():

@@ -47,7 +47,9 @@ def test_softening_bonds_have_the_fracture_energy_of_the_lattice(m):
 
 def test_trapping_needs_a_plane_lattice(beam):
     for scene in (
-        dataclasses.replace(beam, material=jaxpd.Solid(object(), 1.0, 0.1)),
+        dataclasses.replace(
+            beam, material=jaxpd.physics.pmb(1.0, 1 / 3, "plane stress", 2, 0.1)
+        ),
         dataclasses.replace(beam, body=jaxpd.box((0.0,) * 3, (1.0,) * 3), weak=()),
     ):
         with pytest.raises(ValueError, match="2-D"):

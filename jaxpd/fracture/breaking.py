@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from jaxpd._types import PointVector
 from jaxpd.assembly import Params
 from jaxpd.body import check_bonds, check_free, cloud_of
+from jaxpd.checks import instance, number, word
 from jaxpd.cuts import cut_bonds, unbreakable
 from jaxpd.discretize.bulk import toughness_ratio
 from jaxpd.laminate import Laminate
@@ -110,6 +111,11 @@ def prepare_fracture(scene: Scene, toughness: str | float = "nominal") -> Fractu
     Raises:
         ValueError: naming the argument, its value and the cure.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
+    if isinstance(toughness, str):
+        word("toughness", toughness, ("nominal", "lattice"), "or a ratio")
+    else:
+        number("toughness", toughness, above=0, cure="or 'nominal', 'lattice'")
     check_bonds(scene, "slow fracture")
     material, resolution = scene.material, scene.resolution
     if isinstance(scene.body, Laminate):
@@ -168,10 +174,6 @@ def piece_labels(i: np.ndarray, j: np.ndarray, n: int) -> np.ndarray:
 def _toughness(asked: str | float, scene: Scene, problem: Problem) -> float:
     """G over G0 that is divided out."""
     if isinstance(asked, str):
-        if asked not in ("nominal", "lattice"):
-            raise ValueError(
-                f"toughness: {asked!r} must be 'nominal', 'lattice' or a number"
-            )
         if asked == "nominal":
             return 1.0
         grid = cloud_of(scene).lattice
@@ -185,8 +187,6 @@ def _toughness(asked: str | float, scene: Scene, problem: Problem) -> float:
         sizes = (delta, grid.dx, scene.resolution.partial)
         ratio = toughness_ratio(problem.law(params, d).omega, d, sizes)
         return ratio * problem.spec.stiffening
-    if not (np.isfinite(asked) and asked > 0):
-        raise ValueError(f"toughness: {asked} must be a positive number")
     return float(asked)
 
 

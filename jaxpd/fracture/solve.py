@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from jaxpd import io
+from jaxpd.checks import instance, number, numbers, whole, word
 from jaxpd.discretize.surface import VOLUMES
 from jaxpd.fracture.breaking import Fracture, prepare_fracture
 from jaxpd.fracture.events import Limits, check_loaded, follow
@@ -22,7 +23,9 @@ from jaxpd.fracture.softening import Soft, check_softening, soften
 from jaxpd.fracture.states import NEVER, States
 from jaxpd.fracture.steps import march
 from jaxpd.geometry import Family, Region
+from jaxpd.physics.bilinear import checked_ratio
 from jaxpd.prepare import prepare
+from jaxpd.problem import OPERATORS
 from jaxpd.progress import bar
 from jaxpd.run import peak_memory
 from jaxpd.scene import Scene
@@ -110,8 +113,16 @@ def solve_fracture(
     """
     started = time.perf_counter()
     _check(factors, softening, few, ties, solver, rtol, severed, max_states)
-    if not max_factor > 0:
-        raise ValueError(f"max_factor: {max_factor} must be positive")
+    number("max_factor", max_factor, above=0, endless=True)
+    word("operator", operator, ("auto", *OPERATORS))
+    whole("maxiter", maxiter)
+    if amount is not None:
+        number("amount", amount, above=0, cure="in J")
+    if end is not None:
+        instance("end", end, Region, "a region, as box(..)")
+    instance("watch", watch, list | tuple, "a list, as in [region]")
+    for region in watch:
+        instance("watch", region, Region, "a list of regions, as in [box(..)]")
     brittle = {"few": few, "ties": ties, "folder": folder}
     check_softening(softening, amount, solver, brittle)
     fracture = prepare_fracture(scene, toughness)
@@ -122,16 +133,14 @@ def solve_fracture(
         solver = _solver(fracture) if softening is None else "direct"
     if ties is None:
         ties = TIES if solver == "direct" else max(TIES, 1000.0 * rtol)
-    if end is not None and not isinstance(end, Region):
-        raise ValueError(f"end: {end!r} must be a region, as box(..)")
-    if isinstance(watch, Region):
-        raise ValueError(f"watch: {watch} must be a list, as in [region]")
     for region in watch:
         if not region.contains(X).any():
             raise ValueError(f"watch: no point lies in {region}")
     middle = 0.5 * (X[springs.i] + X[springs.j])
     last = np.zeros(len(cut), bool) if end is None else end.contains(middle)
     limits = Limits(max_states, max_factor, last, severed)
+    if end is not None and not last.any():
+        raise ValueError(f"end: no bond has its middle in {end}")
     seen = tuple(region.contains(X) for region in watch)
     if softening is not None:
         counter = bar(range(1, max_states), max_states, progress, "state")
@@ -217,27 +226,25 @@ def _check(
 ) -> None:
     """Refuse arguments out of range."""
     if factors is not None:
+        numbers("factors", factors)
         some = np.atleast_1d(np.asarray(factors, float))
         rising = (np.diff(some, prepend=0.0) > 0).all()
         # softening bonds unload and load again
         good = np.isfinite(some).all() and (rising or softening is not None)
         if some.ndim != 1 or not len(some) or not good:
             raise ValueError(f"factors: {factors} must rise strictly, from above 0")
-    if few is not None and not (isinstance(few, int) and few >= 1):
-        raise ValueError(f"few: {few} must be a whole number from 1 on")
+    if few is not None:
+        whole("few", few)
     if few is not None and factors is None:
         raise ValueError(f"few: {few} is for load steps; give factors, as 0.02")
-    if ties is not None and not 0 < ties < 1:
-        raise ValueError(f"ties: {ties} must lie between 0 and 1; 1e-7 is round-off")
-    if solver not in ("auto", "direct", *METHODS):
-        raise ValueError(
-            f"solver: {solver!r} must be 'auto', 'direct' or one of {METHODS}"
-        )
+    if ties is not None:
+        number("ties", ties, above=0, below=1, cure="1e-7 is round-off")
+    word("solver", solver, ("auto", "direct", *METHODS))
     for name, value in (("rtol", rtol), ("severed", severed)):
-        if not 0 < value < 1:
-            raise ValueError(f"{name}: {value} must lie between 0 and 1")
-    if max_states < 2:
-        raise ValueError(f"max_states: {max_states} must be 2 or more")
+        number(name, value, above=0, below=1)
+    whole("max_states", max_states, 2)
+    if softening is not None:
+        checked_ratio(softening)
 
 
 def _iterative(

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxpd.checks import instance
 from jaxpd.conditions import moves
 from jaxpd.fracture.breaking import prepare_fracture
 from jaxpd.fracture.solve import solve_fracture
@@ -56,6 +57,7 @@ def trapping(scene: Scene) -> Trapping:
     Raises:
         ValueError: on another scene.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
     material, resolution = scene.material, scene.resolution
     if scene.d != 2 or not isinstance(material, Elastic) or resolution.dx is None:
         raise ValueError("scene: trapping is measured in 2-D, with Elastic on a box")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jaxpd.checks import number, positive
 from jaxpd.conditions import drives, traction
 from jaxpd.geometry import above, below, box, segment
 from jaxpd.resolution import Bonds, fractional
@@ -35,6 +36,8 @@ def branching_plate(
         partial: volume of neighbours at the rim of the horizon; "none" lets the
             lattice's own fracture energy scatter by 14 % with m, "continuous" by 3 %.
     """
+    positive(m=m, delta=delta)
+    number("stress", stress, cure="in Pa")
     return Scene(
         body=box((0.0, -0.02), (0.1, 0.02)),
         material=Elastic(72e9, nu=1 / 3, state="plane stress", rho=2440.0, G0=G0),
@@ -64,6 +67,8 @@ def kalthoff_winkler(
         speed: of the struck edge (m/s).
         partial: as in `branching_plate`.
     """
+    positive(m=m, delta=delta)
+    number("speed", speed, cure="in m/s")
     steel = Elastic(190e9, nu=1 / 4, state="plane strain", rho=8000.0, G0=22.2e3)
     return Scene(
         body=box((0.0, -0.1), (0.1, 0.1)),

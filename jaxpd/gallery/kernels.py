@@ -13,6 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxpd.checks import number, whole
 from jaxpd.conditions import body_force, moves, traction
 from jaxpd.geometry import Cloud, above, ball, below, box, mapped, outlined
 from jaxpd.resolution import RKPM
@@ -37,6 +38,7 @@ def kernel_bar(
         seed: of the moves.
         resolution: the recommended one by default.
     """
+    whole("n", n, 2)
     line = box((-1e3,), (1e3,))
     return Scene(
         mapped((n,), lambda s: s, jitter=jitter, seed=seed),
@@ -185,16 +187,19 @@ def l_shape(n: int = 5, *, jitter: float = 0.0, seed: int = 0) -> Cloud:
         jitter: share of a spacing by which inner nodes are moved at random.
         seed: of the moves.
     """
+    whole("n", n)
+    whole("seed", seed, 0)
+    number("jitter", jitter, least=0, below=0.5)
     i, j = np.indices((2 * n + 1, 2 * n + 1)).reshape(2, -1)
     kept = (i <= n) | (j <= n)
-    number = np.cumsum(kept) - 1
+    numbering = np.cumsum(kept) - 1
     corners = [(0, 0), (2 * n, 0), (2 * n, n), (n, n), (n, 2 * n), (0, 2 * n), (0, 0)]
     loop = []
     for (a, b), (c, d) in itertools.pairwise(corners):
         steps = max(abs(c - a), abs(d - b))
         for k in range(steps):
             at = (a + (c - a) * k // steps) * (2 * n + 1) + b + (d - b) * k // steps
-            loop.append(number[at])
+            loop.append(numbering[at])
     X = np.stack([i[kept], j[kept]], axis=1) / n
     inner = np.ones(len(X), bool)
     inner[loop] = False

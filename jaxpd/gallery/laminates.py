@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jaxpd.checks import number, positive, whole
 from jaxpd.conditions import drives, holds, pull
 from jaxpd.geometry import box, segment
 from jaxpd.laminate import interlayer, laminate
@@ -34,8 +35,9 @@ def struck_laminate(
         G0: fracture energy of the glass (J/m^2); None never breaks.
         peel: fracture energy of the interlayer (J/m^2); None never comes apart.
     """
-    if int(plies) != plies or plies < 2:
-        raise ValueError(f"plies: {plies} must be a whole number of at least 2")
+    positive(dx=dx, m=m)
+    number("pressure", pressure, cure="in Pa")
+    whole("plies", plies, 2)
     length, H, h, patch = 0.1, 5e-3, 0.76e-3, 10e-3
     floors = [i * (H + h) for i in range(plies)]
     boxes = [box((0.0, y), (length, y + H)) for y in floors]
@@ -85,6 +87,7 @@ def peeled_beam(
         shear: its shear modulus (Pa), or None.
         speed: at which the ends part (m/s).
     """
+    number("speed", speed, cure="in m/s")
     H, h, length = 0.04, 0.01, 0.4
     middle = H + 0.5 * h
     sides = ((0.0, H, -1.0), (H + h, 2.0 * H + h, 1.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jaxpd.checks import number, positive, whole, word
 from jaxpd.conditions import body_force, holds, moves
 from jaxpd.geometry import above, below, box, segment
 from jaxpd.resolution import Bonds, fractional
@@ -99,8 +100,10 @@ def cracked_plate(
     Raises:
         ValueError: on an unknown loading or a lattice that is too coarse.
     """
-    if int(n) != n or n < 4:
-        raise ValueError(f"n: {n} must be a whole number of at least 4 spacings a side")
+    whole("n", n, 4, "spacings a side")
+    positive(m=m)
+    number("strain", strain)
+    word("loading", loading, ("displacement", "band"))
     E, top, bottom = 30e9, above(y=0.5), below(y=-0.5)
     if loading == "displacement":
         supports = (

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.checks import number, positive, whole, word
 from jaxpd.conditions import moves, traction
 from jaxpd.geometry import Box, above, below, box, segment
 from jaxpd.resolution import Bonds, fractional
@@ -58,6 +59,8 @@ def double_cantilever(
     Raises:
         ValueError: if an arm has no whole number of rows.
     """
+    whole("m", m)
+    positive(arm=arm, length=length, notch=notch, delta=delta)
     h = delta / m
     rows = _whole("arm", arm * m, "arm times m", "rows")
     columns, a0 = round(length * rows), round(notch * rows)
@@ -116,23 +119,22 @@ def notched_plate(
     Raises:
         ValueError: on an unknown load.
     """
+    _check(m, columns, "columns", notch, W)
     h, L = W / columns, 2.0 * W
     a0, grip = round(notch * columns), L / 2 - m * h
     ends = (above(y=grip), below(y=-grip))
     supports, loads = (), ()
-    if load == "stress":
+    if word("load", load, ("stress", "grips")) == "stress":
         loads = (
             traction(above(y=L / 2), y=+1e6),
             traction(below(y=-L / 2), y=-1e6),
         )
         supports = _three_points((W - 0.5 * h, -0.5 * L + 0.5 * h), h)
-    elif load == "grips":
+    else:
         supports = (
             moves(ends[0], x=0.0, y=+0.5 * STRAIN * L),
             moves(ends[1], x=0.0, y=-0.5 * STRAIN * L),
         )
-    else:
-        raise ValueError(f"load: {load!r} must be 'stress' or 'grips'")
     return Scene(
         body=box((0.0, -L / 2), (W, L / 2)),
         material=brittle(E, G0),
@@ -174,6 +176,7 @@ def compact_tension(
     Raises:
         ValueError: if the lattice does not fit the specimen.
     """
+    _check(m, columns, "columns", notch, W)
     if columns % 20:
         raise ValueError(f"columns: {columns} must be divisible by 20, as 40")
     h = W / columns
@@ -229,6 +232,7 @@ def bent_beam(
     Raises:
         ValueError: if the lattice does not fit the beam.
     """
+    _check(m, rows, "rows", notch, W)
     if rows % 4:
         raise ValueError(f"rows: {rows} must be divisible by 4, as 24")
     h = W / rows
@@ -289,6 +293,13 @@ def _three_points(at: tuple[float, float], h: float) -> tuple[Any, ...]:
         moves(_point(at, h), x=0.0, y=0.0),
         moves(_point((at[0], at[1] + h), h), x=0.0),
     )
+
+
+def _check(m: int, n: int, name: str, notch: float, W: float) -> None:
+    whole("m", m)
+    whole(name, n)
+    number("notch", notch, above=0, below=1, cure="a share of W")
+    positive(W=W)
 
 
 def _whole(name: str, value: float, what: str, of: str) -> int:

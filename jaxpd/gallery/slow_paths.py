@@ -10,6 +10,7 @@ import dataclasses
 
 import numpy as np
 
+from jaxpd.checks import positive, whole
 from jaxpd.conditions import holds, moves
 from jaxpd.gallery.plate import cracked_plate
 from jaxpd.gallery.slow import STRAIN, bonds, brittle
@@ -53,6 +54,8 @@ def sheared_plate(
     Raises:
         ValueError: on an odd number of rows.
     """
+    whole("m", m)
+    positive(W=W)
     _even("rows", rows)
     h = W / rows
     top, bottom = above(y=0.5 * W - m * h), below(y=-0.5 * W + m * h)
@@ -86,6 +89,8 @@ def l_panel(m: int = 3, n: int = 20, *, E: float = 25.85e9, G0: float = 65.0) ->
 
     Source: B. Winkler (2001), thesis, University of Innsbruck; nu there is 0.18.
     """
+    whole("m", m)
+    whole("n", n)
     side = 0.25
     h = side / n
     i, j = np.indices((2 * n, 2 * n)).reshape(2, -1)
@@ -126,17 +131,19 @@ def breaking_plate(n: int = 41, m: int = 3, *, G0: float = 100.0) -> Scene:
     Raises:
         ValueError: on an even number of spacings.
     """
+    whole("n", n)
+    whole("m", m)
     if n % 2 == 0:
         raise ValueError(
             f"n: {n} puts a row of points on the crack, which then is half a row off "
             "the middle and kinks; take an odd number"
         )
-    whole = cracked_plate(n, m, -1.0, STRAIN)
+    plate = cracked_plate(n, m, -1.0, STRAIN)
     return dataclasses.replace(
-        whole,
-        material=brittle(whole.material.E, G0),
+        plate,
+        material=brittle(plate.material.E, G0),
         no_fail=(above(y=0.5), below(y=-0.5)),
-        resolution=dataclasses.replace(whole.resolution, calibration="lattice"),
+        resolution=dataclasses.replace(plate.resolution, calibration="lattice"),
     )
 
 
@@ -157,5 +164,5 @@ def end_of(scene: Scene) -> Region | None:
 
 
 def _even(name: str, value: int) -> None:
-    if value % 2:
+    if whole(name, value) % 2:
         raise ValueError(f"{name}: {value} must be even, with the crack between two")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from jaxpd.checks import number, positive, whole
 from jaxpd.conditions import initially
 from jaxpd.geometry import above, box
 from jaxpd.laminate import interlayer, laminate
@@ -30,6 +31,9 @@ def bar_wave(
         amplitude: of the pulse (m).
         alpha: order of the fractional kernel.
     """
+    whole("n", n)
+    positive(m=m, width=width)
+    number("amplitude", amplitude, cure="in m")
     return Scene(
         body=box((-0.5,), (0.5,)),
         material=Elastic(1.0, state="bar", rho=1.0),
@@ -74,6 +78,7 @@ def gaussian_wave(
         height: of each strip with half of the gap (m), a multiple of 0.02 m.
         one_way: drop what pulls at the ghosts, as the paper does.
     """
+    positive(height=height)
     layer = None if E is None else interlayer(E, rule=rule, one_way=one_way)
     dx, width = 0.02, 0.2
     low = box((-width, 0.0), (width, height - dx))

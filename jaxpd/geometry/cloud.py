@@ -11,13 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.checks import number, real, vector, word
 from jaxpd.geometry.rim import Rim
+
+#: Most points of a lattice: with 8 neighbours each, bonds outgrow 32-bit numbers.
+MOST = 2**28
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,22 @@ class Cloud:
         return self.X.shape[1]
 
 
+def check_layers(layers: Any, d: int) -> np.ndarray:
+    """Layers outside a box [d, 2] as numbers; none if left out.
+
+    Raises:
+        ValueError: unless they are d pairs of whole numbers, none negative.
+    """
+    if layers is None:
+        return np.zeros((d, 2), int)
+    found = real(layers)
+    if found is None or found.shape != (d, 2) or (found < 0).any() or (found % 1).any():
+        raise ValueError(
+            f"layers: {layers!r} must be {d} pairs (below, above) of whole numbers >= 0"
+        )
+    return found.astype(int)
+
+
 def lattice(
     lo: Sequence[float],
     hi: Sequence[float],
@@ -100,25 +121,26 @@ def lattice(
     Raises:
         ValueError: if dx does not divide a side, or an argument is out of range.
     """
-    lo_, hi_ = np.asarray(lo, float), np.asarray(hi, float)
-    if lo_.shape != hi_.shape or lo_.ndim != 1 or not 1 <= lo_.size <= 3:
-        raise ValueError(f"hi: {hi} and lo: {lo} must be corners in 1, 2 or 3-D")
-    if not (np.isfinite(dx) and dx > 0):
-        raise ValueError(f"dx: {dx} must be a positive number")
-    if nodes not in ("edge", "cell"):
-        raise ValueError(f"nodes: {nodes!r} must be 'edge' or 'cell'")
+    lo_, hi_ = np.array(vector("lo", lo)), np.array(vector("hi", hi))
+    if lo_.shape != hi_.shape:
+        raise ValueError(f"lo, hi: {lo} and {hi} must be corners in as many dimensions")
+    number("dx", dx, above=0, cure="in m")
+    word("nodes", nodes, ("edge", "cell"))
+    if not (hi_ > lo_).all():
+        raise ValueError(f"hi: {hi} must be above lo = {lo} in every direction")
     cells = (hi_ - lo_) / dx
+    if np.prod(cells) > MOST:
+        raise ValueError(
+            f"dx: {dx} makes {np.prod(cells):.2g} points, above {MOST:.2g}; make it "
+            "larger, and look at the units of dx and of the body (m)"
+        )
     n = np.rint(cells).astype(int)
     if (n < 1).any() or not np.allclose(cells, n, rtol=0, atol=1e-6):
         raise ValueError(
             f"dx: {dx} does not divide the sides {tuple(map(float, hi_ - lo_))} "
             f"({tuple(map(float, cells))} cells); choose dx = side / whole number"
         )
-    extra = np.zeros((lo_.size, 2), int) if layers is None else np.asarray(layers, int)
-    if extra.shape != (lo_.size, 2) or (extra < 0).any():
-        raise ValueError(
-            f"layers: {layers} must be {lo_.size} pairs (below, above) of numbers >= 0"
-        )
+    extra = check_layers(layers, lo_.size)
     shape = tuple(map(int, n + (nodes == "edge") + extra.sum(1)))
     shift = 0.0 if nodes == "edge" else 0.5
     start = shift - extra[:, 0]
@@ -147,9 +169,13 @@ def from_points(X: PointVector, vol: PointScalar, rim: Rim | None = None) -> Clo
         ValueError: on wrong shapes, values that are not finite, or volumes that are not
             positive. Coincident points are refused where families are found.
     """
+    if real(X) is None:
+        raise ValueError(f"X: {X!r} must be an array of numbers [n, d]")
     X_ = np.asarray(X, float)
     if X_.ndim != 2 or not 1 <= X_.shape[1] <= 3 or len(X_) == 0:
         raise ValueError(f"X: shape {X_.shape} must be [n, d] with n >= 1, d = 1, 2, 3")
+    if real(vol) is None:
+        raise ValueError(f"vol: {vol!r} must be a volume, or one for each point")
     try:
         vol_ = np.broadcast_to(np.asarray(vol, float), (len(X_),))
     except ValueError:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.checks import vector
 from jaxpd.geometry.region import ROUND_OFF
 
 
@@ -96,15 +97,36 @@ def check_dimension(cracks: Sequence[Crack], d: int) -> None:
             )
 
 
+def beside(crack: Crack, X: NDArray[np.floating]) -> bool:
+    """Whether a crack lies wholly outside the box around the points X [n, d]."""
+    sides = np.ndindex(*(2,) * len(crack.edges))
+    corners = np.array([crack.point(*t) for t in sides])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return bool((high < X.min(axis=0)).any() or (low > X.max(axis=0)).any())
+
+
+def check_inside(cracks: Sequence[Crack], X: NDArray[np.floating]) -> None:
+    """Refuse cracks that lie wholly beside the points X [n, d].
+
+    Raises:
+        ValueError: naming the crack and where the points are.
+    """
+    check_dimension(cracks, X.shape[1])
+    for crack in cracks:
+        if beside(crack, X):
+            raise ValueError(
+                f"cracks: {crack} lies beside the body, whose points are between "
+                f"{X.min(axis=0)} and {X.max(axis=0)} (m); move it, or leave it out"
+            )
+
+
 def segment(a: Sequence[float], b: Sequence[float]) -> Crack:
     """A crack in 2-D from tip `a` to tip `b` (m).
 
     Raises:
         ValueError: if a tip is not two numbers or the tips coincide.
     """
-    a_, b_ = np.asarray(a, float), np.asarray(b, float)
-    if a_.shape != (2,) or b_.shape != (2,):
-        raise ValueError(f"b: tips {a} and {b} must be points in 2-D")
+    a_, b_ = np.array(vector("a", a, (2,))), np.array(vector("b", b, (2,)))
     if not np.linalg.norm(b_ - a_) > 0:
         raise ValueError(f"b: tips {a} and {b} coincide; a crack needs a length")
     return Crack(tuple(map(float, a_)), (tuple(map(float, b_ - a_)),))
@@ -118,10 +140,11 @@ def rectangle(
     Raises:
         ValueError: if the vectors are not in 3-D, vanish, or are not orthogonal.
     """
-    c, e, f = (np.asarray(v, float) for v in (corner, edge1, edge2))
-    if not c.shape == e.shape == f.shape == (3,):
-        raise ValueError("corner, edge1, edge2: must be vectors in 3-D")
+    given = (("corner", corner), ("edge1", edge1), ("edge2", edge2))
+    c, e, f = (np.array(vector(name, value, (3,))) for name, value in given)
     size = np.linalg.norm(e) * np.linalg.norm(f)
+    if not np.linalg.norm(e) > 0:
+        raise ValueError(f"edge1: {edge1} must not be zero; a crack needs an area")
     if not size > 0 or abs(e @ f) > 1e-9 * size:
         raise ValueError(
             f"edge2: {edge2} must be non-zero and orthogonal to edge1 = {edge1}"

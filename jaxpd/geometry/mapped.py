@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxpd.checks import number, vector, whole
 from jaxpd.geometry.cloud import Cloud, Lattice, from_points
 from jaxpd.geometry.rim import Rim, rim_of_grid
 
@@ -40,12 +41,12 @@ def mapped(
     Raises:
         ValueError: on a grid too small, a jitter out of range, or a map that folds.
     """
-    shape = tuple(int(n) for n in shape)
+    shape = tuple(whole("shape", n, 2) for n in vector("shape", shape))
     d = len(shape)
-    if not 1 <= d <= 3 or min(shape) < 2:
-        raise ValueError(f"shape: {shape} must be 1 to 3 numbers of at least 2 nodes")
-    if not 0.0 <= jitter < 0.5:
-        raise ValueError(f"jitter: {jitter} must lie in [0, 0.5)")
+    number("jitter", jitter, least=0, below=0.5)
+    whole("seed", seed, 0)
+    if not callable(place):
+        raise ValueError(f"place: {place!r} must be a function of s [{d}]")
     ends = np.array(shape) - 1
     step = 1.0 / ends
     at = np.indices(shape).reshape(d, -1).T

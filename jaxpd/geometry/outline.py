@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jaxpd._types import PointScalar, namespace
+from jaxpd.checks import numbers, real
 from jaxpd.geometry.cloud import Cloud, from_points
 from jaxpd.geometry.rim import Rim, rim
 
@@ -45,9 +46,17 @@ def outlined(X: ArrayLike, loops: Sequence[ArrayLike]) -> Cloud:
         ValueError: on loops that repeat nodes or run the wrong way round, and on nodes
             outside.
     """
-    nodes = np.asarray(X, float)
+    nodes = np.asarray(numbers("X", X, cure="positions [n, 2]"), float)
     if nodes.ndim != 2 or nodes.shape[1] != 2:
         raise ValueError(f"X: shape {nodes.shape} must be [n, 2]; outlines are plane")
+    for loop in loops if isinstance(loops, list | tuple) else [None]:
+        found = real(loop)
+        if found is None or found.ndim != 1 or found.dtype.kind == "f":
+            raise ValueError(
+                f"loops: {loop!r} must be numbers of nodes, in a list of loops"
+            )
+    if not len(loops):
+        raise ValueError("loops: none; give at least the outer one")
     edge = loop_edges(loops)
     if not ((edge >= 0) & (edge < len(nodes))).all():
         raise ValueError(f"loops: they name nodes beyond 0..{len(nodes) - 1}")

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.checks import instance, number, vector
+
 Points = NDArray[np.floating]
 
 AXES = "xyz"
@@ -103,10 +105,10 @@ def box(lo: Sequence[float], hi: Sequence[float]) -> Box:
     Raises:
         ValueError: if the corners differ in dimension or `hi` is not above `lo`.
     """
-    lo_, hi_ = tuple(map(float, lo)), tuple(map(float, hi))
-    if len(lo_) != len(hi_) or not 1 <= len(lo_) <= 3:
+    lo_, hi_ = vector("lo", lo, endless=True), vector("hi", hi, endless=True)
+    if len(lo_) != len(hi_):
         raise ValueError(
-            f"hi: corners {lo_} and {hi_} must have the same dimension, 1, 2 or 3"
+            f"lo, hi: corners {lo_} and {hi_} must have the same dimension"
         )
     if not all(a < b for a, b in zip(lo_, hi_, strict=True)):
         raise ValueError(f"hi: {hi_} must be above lo = {lo_} in every direction")
@@ -118,7 +120,8 @@ def _half_space(sign: int, coordinate: dict[str, float]) -> HalfSpace:
         raise ValueError(
             f"coordinate: {coordinate} must be one of x=, y= or z=, as in above(y=0.5)"
         )
-    return HalfSpace(AXES.index(name), float(coordinate[name]), sign)
+    at = number(name, coordinate[name])
+    return HalfSpace(AXES.index(name), float(at), sign)
 
 
 def above(**coordinate: float) -> HalfSpace:
@@ -133,13 +136,14 @@ def below(**coordinate: float) -> HalfSpace:
 
 def ball(centre: Sequence[float], radius: float) -> Ball:
     """The ball of `radius` (m) about `centre` (m)."""
-    if not radius > 0:
-        raise ValueError(f"radius: {radius} must be positive")
-    return Ball(tuple(map(float, centre)), float(radius))
+    number("radius", radius, above=0, cure="in m")
+    return Ball(vector("centre", centre), float(radius))
 
 
 def union(*parts: Region) -> Union:
     """The union of regions."""
     if not parts:
         raise ValueError("parts: a union needs at least one region")
+    for part in parts:
+        instance("parts", part, Region, "a region, as box(..): union(one, two)")
     return Union(parts)

@@ -30,6 +30,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpd._types import PointScalar, Scalar, Vector, namespace
+from jaxpd.checks import number
 from jaxpd.physics.bond import bond_energy, stretch
 
 
@@ -105,9 +106,6 @@ def checked_ratio(ratio: float) -> float:
     Raises:
         ValueError: unless it is a number above 1.
     """
-    if not (1.0 < ratio < float("inf")):
-        raise ValueError(
-            f"softening: {ratio} must be a number above 1, the stretch without force "
-            "over that of the largest; 10 is smooth on a weak plane, None is brittle"
-        )
-    return float(ratio)
+    means = "the stretch without force over that of the largest"
+    usual = "10 is smooth on a weak plane, None is brittle"
+    return float(number("softening", ratio, above=1, cure=f"{means}; {usual}"))

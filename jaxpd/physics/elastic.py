@@ -17,9 +17,9 @@ from fractions import Fraction
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 
 from jaxpd._types import Scalar
+from jaxpd.checks import numbers, word
 
 DIMENSIONS = {"bar": 1, "plane stress": 2, "plane strain": 2, "solid": 3}
 #: The only Poisson's ratio of a bond-based law; a bar has none to speak of.
@@ -36,14 +36,13 @@ def check(E: float, nu: float | None, state: str) -> None:
     Raises:
         ValueError: naming the argument, its value and the cure.
     """
-    if state not in DIMENSIONS:
-        raise ValueError(f"state: {state!r} must be one of {list(DIMENSIONS)}")
-    if not np.all(np.isfinite(E)) or not np.all(np.asarray(E) > 0):
-        raise ValueError(f"E: {E} must be positive (Pa)")
+    word("state", state, DIMENSIONS)
+    numbers("E", E, above=0, cure="in Pa")
     if state != "bar":
         limit = 0.5 if state != "plane stress" else 1.0
-        if nu is None or not np.all((np.asarray(nu) > -1) & (np.asarray(nu) < limit)):
-            raise ValueError(f"nu: {nu} must lie between -1 and {limit} in {state}")
+        numbers("nu", nu, above=-1, below=limit, cure=f"it is so in {state}")
+    elif nu is not None:
+        numbers("nu", nu, cure="a bar has none, leave it out")
 
 
 def check_bond_based(nu: float | None, state: str) -> None:

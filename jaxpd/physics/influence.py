@@ -24,6 +24,7 @@ import numpy as np
 from jax.scipy.special import gammainc, gammaln
 
 from jaxpd._types import Scalar
+from jaxpd.checks import number
 
 
 @runtime_checkable
@@ -121,11 +122,8 @@ def check_order(alpha: float) -> None:
     Raises:
         ValueError: if alpha >= 2, where the moment diverges.
     """
-    if not (np.isfinite(alpha) and alpha < 2):
-        raise ValueError(
-            f"alpha: {alpha} must be a number below 2: the strain energy of the kernel "
-            "1/r^(d+alpha) diverges from there on (paper 000, eq. 12)"
-        )
+    diverges = "the energy of 1/r^(d+alpha) diverges from there on (paper 000, eq. 12)"
+    number("alpha", alpha, below=2, cure=diverges)
 
 
 def moment(omega: Influence, d: int, delta: Scalar) -> Scalar:

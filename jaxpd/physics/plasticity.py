@@ -37,6 +37,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxpd._types import Scalar
+from jaxpd.checks import numbers
 from jaxpd.physics import elastic
 from jaxpd.physics.hardening import Linear
 from jaxpd.physics.node import apply
@@ -227,30 +228,29 @@ def _known(*values: Any) -> bool:
     return not any(isinstance(v, Tracer) for v in jax.tree.leaves(values))
 
 
-def _all(values: Any, test: Callable) -> bool:
-    """Whether all values are finite and pass a test."""
-    values = np.asarray(values)
-    return bool(np.all(np.isfinite(values) & test(values)))
-
-
 def _check(
     E: Any, nu: Any, sigma_y: Any, h_iso: Any, h_kin: Any, state: str, hardening: Any
 ) -> None:
+    for name, value in (("E", E), ("nu", nu), ("h_iso", h_iso), ("h_kin", h_kin)):
+        if value is not None or name != "nu":
+            numbers(name, value)
     if _known(E, nu):
         elastic.check(E, nu, state)
     if sigma_y is None and hardening is None:
         raise ValueError("sigma_y: None; give a yield stress (Pa), or a hardening")
-    if sigma_y is not None and _known(sigma_y) and not _all(sigma_y, lambda v: v > 0):
-        raise ValueError(f"sigma_y: {sigma_y} must be positive (Pa)")
-    if _known(h_kin) and not _all(h_kin, lambda v: v >= 0):
-        raise ValueError(f"h_kin: {h_kin} must not be negative (Pa); h_iso may soften")
+    if sigma_y is not None:
+        numbers("sigma_y", sigma_y, above=0, cure="in Pa")
+    numbers("h_kin", h_kin, least=0, cure="h_iso may soften")
     if hardening is not None:
-        if any(callable(leaf) for leaf in jax.tree.leaves(hardening)):
+        leaves = jax.tree_util.tree_leaves_with_path(hardening)
+        if not callable(hardening) or any(callable(leaf) for _, leaf in leaves):
             raise ValueError(
                 f"hardening: {hardening!r} must be a pytree of numbers with __call__, "
                 "as Voce: a frozen dataclass registered with "
                 "jax.tree_util.register_dataclass"
             )
+        for path, leaf in leaves:
+            numbers(f"hardening{jax.tree_util.keystr(path)}", leaf)
         if not _known(h_iso) or np.any(np.asarray(h_iso) != 0):
             raise ValueError(
                 f"h_iso: {h_iso} is linear hardening, which `hardening` "
@@ -259,8 +259,7 @@ def _check(
         if not _known(hardening, sigma_y):
             return
         first = np.asarray(hardening(jnp.zeros(())))
-        if not _all(first, lambda v: v > 0):
-            raise ValueError(f"hardening: {first} at peeq = 0 must be positive (Pa)")
+        numbers("hardening", first, above=0, cure="the yield stress (Pa) at peeq = 0")
         if sigma_y is not None and not np.allclose(first, sigma_y, rtol=1e-6):
             raise ValueError(
                 f"sigma_y: {sigma_y} differs from hardening(0) = {first}; leave "
@@ -269,7 +268,7 @@ def _check(
     elif _known(E, nu, h_iso, h_kin):
         _, _, T, k = modes(E, nu, state)
         least = -float(np.min((np.asarray(k).T * T**2).min(axis=-1) + h_kin))
-        if not _all(h_iso, lambda v: v > least):
+        if not np.all(np.asarray(h_iso) > least):
             raise ValueError(
                 f"h_iso: {h_iso} softens faster than elasticity unloads and leaves no "
                 f"unique stress; set it above {least:g} (Pa)"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.checks import instance, number, word
 from jaxpd.planner import error as errors
 from jaxpd.planner.duty import decide
 from jaxpd.planner.less import warnings_of
@@ -63,6 +64,7 @@ def plan(
         ValueError: naming the argument, its value and the cure; if no resolution meets
             what is wanted, with the best that does not.
     """
+    instance("scene", scene, Scene, "a Scene(..)")
     _check(job, accuracy, seconds, duration, fixed)
     asked: dict[str, Any] = {
         "job": job,
@@ -112,17 +114,12 @@ def _check(
     duration: float | None,
     fixed: dict[str, Any],
 ) -> None:
-    if job not in ("auto", *JOBS):
-        raise ValueError(f"job: {job!r} must be 'auto' or one of {JOBS}")
-    for name, value in (
-        ("accuracy", accuracy),
-        ("seconds", seconds),
-        ("duration", duration),
-    ):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name}: {value} must be positive, or left out")
-    if accuracy is not None and accuracy >= 1:
-        raise ValueError(f"accuracy: {accuracy} is a relative error, below 1")
+    word("job", job, ("auto", *JOBS))
+    wishes = (("accuracy", accuracy), ("seconds", seconds), ("duration", duration))
+    for name, value in wishes:
+        if value is not None:
+            number(name, value, above=0, cure="or leave it out")
+            number(name, value, below=1 if name == "accuracy" else np.inf)
     for name in fixed:
         if name not in FIELDS:
             raise ValueError(f"{name}: is no field of a plan; they are {FIELDS}")

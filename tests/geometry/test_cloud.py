@@ -32,7 +32,7 @@ def test_cell_centred_volumes_add_up_to_the_box():
     ("call", "words"),
     [
         (lambda: lattice((0,), (1,), 0.3), r"dx: 0.3 does not divide"),
-        (lambda: lattice((0,), (1,), -0.1), r"dx: -0.1 must be a positive"),
+        (lambda: lattice((0,), (1,), -0.1), r"dx: -0.1 must be positive"),
         (lambda: lattice((0,), (1, 1), 0.1), r"hi: "),
         (lambda: lattice((0,), (1,), 0.1, nodes="x"), r"nodes: 'x' must be"),
         (lambda: lattice((0,), (1,), 0.1, layers=[(1, -1)]), r"layers: "),

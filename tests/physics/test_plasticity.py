@@ -677,7 +677,7 @@ BAR = partial(von_mises, 1.0, None, state="bar")
         (lambda: BAR(), r"sigma_y: None; give a yield stress"),
         (lambda: BAR(1.0, -1.5), r"h_iso: -1.5 softens .* above -1 "),
         (lambda: BAR(1.0, -1.5, 0.25), r"h_iso: -1.5 softens .* above -1.25 "),
-        (lambda: BAR(1.0, np.inf), r"h_iso: inf softens"),
+        (lambda: BAR(1.0, np.inf), r"h_iso: inf must be a number"),
         (lambda: BAR(1.0, 0.0, -0.5), r"h_kin: -0.5 must not be negative"),
         (
             lambda: von_mises(0.0, None, 1.0, state="bar"),
@@ -697,7 +697,7 @@ BAR = partial(von_mises, 1.0, None, state="bar")
         ),
         (
             lambda: BAR(hardening=Voce(-2.0, 1.0, 1.0, 0.0)),
-            r"hardening: -2.0 at peeq = 0 must be positive",
+            r"hardening: .*-2.* must be positive.* at peeq = 0",
         ),
         (
             lambda: BAR(3.0, hardening=Voce(2.0, 1.0, 1.0, 0.0)),
