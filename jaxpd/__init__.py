@@ -41,6 +41,7 @@ from jaxpd.conditions import (
     pull,
     traction,
 )
+from jaxpd.convergence import Refinement
 from jaxpd.explicit import run_explicit
 from jaxpd.fitting import Fit, fit
 from jaxpd.fracture import Fracture, Growth, Trapping, solve_fracture, trapping
@@ -70,7 +71,7 @@ from jaxpd.planner import Plan, plan
 from jaxpd.prepare import prepare
 from jaxpd.problem import Problem
 from jaxpd.record import Diverged, Run
-from jaxpd.refinement import Refinement, refine
+from jaxpd.refinement import refine
 from jaxpd.relaxed import Relaxed, solve_relaxed
 from jaxpd.resolution import MLS, RKPM, Bonds, conical, constant, fractional, gaussian
 from jaxpd.run import Solution, keep_compiled, solve_static

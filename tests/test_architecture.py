@@ -19,7 +19,7 @@ ROOMS = [
     "cuts", "launch", "run", "audit", "progress", "io", "fracture", "replay", "walk",
     "path", "record", "explicit", "relaxed", "planner", "crack_path", "plot",
     "picture", "scene_file", "gradcheck",
-    "refinement",
+    "convergence", "refinement",
     "observe", "inverse", "descent", "fitting", "uncertainty", "resample", "__init__",
     "command", "main_job", "__main__",
 ]  # fmt: skip

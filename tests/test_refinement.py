@@ -8,7 +8,7 @@ import pytest
 
 import jaxpd
 from jaxpd import gallery
-from jaxpd.refinement import Refinement
+from jaxpd.convergence import Refinement
 from tests.manufactured import off
 
 

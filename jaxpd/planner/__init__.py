@@ -13,5 +13,6 @@ choose    the door: `plan`
 from jaxpd.planner.choose import changed, plan
 from jaxpd.planner.cost import Cost
 from jaxpd.planner.plan import Plan
+from jaxpd.planner.words import which_when
 
-__all__ = ["Cost", "Plan", "changed", "plan"]
+__all__ = ["Cost", "Plan", "changed", "plan", "which_when"]

@@ -17,28 +17,10 @@ from jaxpd.laminate import Laminate
 from jaxpd.planner import cost as costs
 from jaxpd.planner.cost import Cost
 from jaxpd.planner.look import Look, breaks, elastic, law_inside, remembers
+from jaxpd.planner.words import WHY
 from jaxpd.resolution import NODES, RKPM, Bonds
 from jaxpd.scene import Elastic, Scene, Solid
 
-#: Why an operator, a solver, a memory is taken: also README's table.
-WHY = {
-    "fft": "a lattice and small displacements: convolution, no index lists",
-    "stencil": "a lattice: shifted slices, no index lists",
-    "gather": "points that are no lattice, numbers of their own a bond, or points "
-    "made of others: index lists",
-    "weak": "kernels: one sparse matrix, assembled",
-    "strong": "derivatives at nodes: one sparse matrix, not symmetric",
-    "halves": "elastic bonds on a lattice: each bond once, one bit a bond",
-    "slots": "elastic bonds of any points: sorted index lists",
-    "memory": "a law with a memory of its own, or fading bonds",
-    "stack": "plies each with the operator that suits it, and ghosts between",
-    "springs": "bonds in equilibrium as springs",
-    "d-pcg": "compiles least, and the system is small or well conditioned",
-    "spectral": "few iterations by sines and cosines, little to compile",
-    "multigrid": "few iterations whatever the size; its compilation pays here",
-    "amg": "few iterations on points that are no lattice",
-    "direct": "small enough for sparse factors, which compile nothing",
-}
 #: Events over bonds: mirror images go together, and some bonds stay whole.
 TIED = 0.6
 Choices = dict[str, tuple[Any, str]]
