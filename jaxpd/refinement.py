@@ -1,8 +1,8 @@
 """Convergence of a scene: finer lattices at a fixed ratio or at a fixed horizon.
 
-With "delta", delta and dx fall together at a fixed m = delta / dx, towards the classical
-body; with "m", dx falls at a fixed delta, towards the nonlocal one; with "h", dx falls,
-of nodes. What the values tell is said by `jaxpd.convergence`.
+With "delta", delta and dx fall together at a fixed m = delta / dx, towards the
+classical body; with "m", dx falls at a fixed delta, towards the nonlocal one; with "h",
+dx falls, of nodes. What the values tell is said by `jaxpd.convergence`.
 """
 
 from __future__ import annotations

@@ -155,3 +155,29 @@ def test_a_plate_that_breaks_slowly_and_its_derivative():
     assert float(names["slope"]["G0"]) == pytest.approx(value / (2 * 3.8), rel=1e-8)
     total = float(names["slope"]["E"].sum())
     assert total == pytest.approx(value / (2 * 72e9), rel=1e-8)
+
+
+def test_the_table_of_methods_is_the_planner_s():
+    assert jaxpd.planner.which_when() in README.read_text()
+
+
+@pytest.mark.slow
+def test_the_plan_and_the_refinement():
+    printed, names = run(block("jaxpd.plan(strip") + block("jaxpd.refine(fine"))
+    assert names["plan"].error <= 1e-3
+    assert names["coarser"].scene.resolution == jaxpd.RKPM(dx=1 / 8)
+    assert "order" in printed
+    assert len(names["found"].values) == 3
+
+
+def test_the_scene_file(tmp_path):
+    (text,) = re.findall(r"```toml\n(.*?)```", README.read_text(), flags=re.DOTALL)
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    file = jaxpd.load_scene(path)
+    assert jaxpd.plan(file.scene, **file.wish).error <= 0.02
+
+
+def test_the_citation_has_the_version():
+    lines = (README.parent / "CITATION.cff").read_text().splitlines()
+    assert f"version: {jaxpd.__version__}" in lines

@@ -37,7 +37,7 @@ OPERATORS = ("fft", "stencil", "gather", "weak", "strong", "halves", "slots", "m
 
 
 def which_when() -> str:
-    """README's table of which method when, in Markdown: theories, operators, solvers."""
+    """README's table of which method when: theories, operators, solvers; Markdown."""
     lines = ["| a scene with | theory | run by |", "|---|---|---|"]
     lines += [f"| {a} | {b} | {c} |" for a, b, c in THEORIES]
     lines += ["", "| operator or solver | taken for |", "|---|---|"]
