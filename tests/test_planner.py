@@ -233,3 +233,60 @@ def test_irregular_nodes_are_measured():
     assert 0.1 < moved < 0.3
     plan = jaxpd.plan(gallery.cantilever((25, 13), jitter=0.3))
     assert "nodes uneven by" in plan.reasons["scheme"]
+
+
+def mean_end(solution):
+    """Deflection of the end x = 2, from the columns of points near it."""
+    X, u = np.asarray(solution.X), np.asarray(solution.u)
+    columns = np.unique(np.round(X[X[:, 0] > 1.0, 0], 9))[-3:]
+    mean = [u[np.abs(X[:, 0] - x) < 1e-6, 1].mean() for x in columns]
+    return float(np.polyval(np.polyfit(columns, mean, 2), 2.0))
+
+
+#: Deflection of `STRIP`'s end, by kernels on 1/40; 1/28 gives 0.0380072.
+DEFLECTION = 0.0380082
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "resolution",
+    [
+        jaxpd.RKPM(dx=1 / 8),
+        jaxpd.MLS(dx=1 / 8),
+        jaxpd.MLS(dx=1 / 24),
+        jaxpd.Bonds(dx=1 / 12, m=3, correction="energy", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 24, m=3, correction="energy", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 12, m=3, correction="analytic", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 24, m=3, calibration="lattice", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 12, m=3, correction="fictitious", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 24, m=3, correction="fictitious", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 24, m=4, correction="energy", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 12, m=3, correction="energy", nodes="edge"),
+    ],
+    ids=repr,
+)
+def test_a_clamped_beam_errs_no_more_than_expected(resolution):
+    plan = jaxpd.plan(dataclasses.replace(STRIP, resolution=resolution))
+    error = abs(mean_end(plan.run().checked()) / DEFLECTION - 1.0)
+    assert error <= plan.error <= 12 * max(error, 1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("accuracy", [0.05, 0.01])
+def test_what_is_planned_is_as_accurate_as_asked(accuracy):
+    found = jaxpd.plan(STRIP, accuracy=accuracy)
+    assert abs(mean_end(found.run().checked()) / DEFLECTION - 1.0) <= accuracy
+
+
+def test_rollers_on_a_face_have_points_there():
+    rollers = dataclasses.replace(
+        STRIP,
+        supports=[
+            jaxpd.moves(jaxpd.below(x=0.0), x=0.0),
+            jaxpd.moves(jaxpd.below(y=0.0), y=0.0),
+        ],
+        kinematics="finite",  # so that bonds are taken
+    )
+    plan = jaxpd.plan(rollers, accuracy=0.3)
+    assert plan.scene.resolution.nodes == "edge"
+    jaxpd.prepare(plan.scene)

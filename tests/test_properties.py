@@ -36,7 +36,7 @@ FEW = settings(
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
-MANY = settings(FEW, max_examples=200)
+MANY = settings(FEW, max_examples=100)
 SOME = settings(FEW, max_examples=40)
 
 

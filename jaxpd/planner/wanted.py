@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.geometry import Box, Cloud
+from jaxpd.geometry import Box, Cloud, HalfSpace
 from jaxpd.laminate import Laminate
 from jaxpd.physics import elastic as constants
 from jaxpd.planner.look import breaks, elastic, remembers
@@ -103,11 +103,35 @@ def _bonds(scene: Scene, job: str, dx: float) -> Iterator[Bonds]:
         elif job == "fracture":
             yield dataclasses.replace(plain, kernel=pmb, calibration="lattice")
         else:
-            edge = dataclasses.replace(plain, nodes="cell" if scene.cracks else "edge")
+            edge = dataclasses.replace(
+                plain, nodes="cell" if _inside(scene) else "edge"
+            )
             yield dataclasses.replace(edge, calibration="lattice")
             yield dataclasses.replace(edge, correction="energy")
             if not scene.cracks and isinstance(scene.body, Box):
                 yield dataclasses.replace(edge, correction="fictitious")
+
+
+def _inside(scene: Scene) -> bool:
+    """Whether points half a spacing from the faces meet all supports and loads.
+
+    Rollers and forces that act on a face alone need points on it.
+    """
+    if scene.cracks or not isinstance(scene.body, Box):
+        return True
+    given: list[tuple[Any, bool]] = [
+        (s.region, None not in s.components[: scene.d]) for s in scene.supports
+    ]
+    given += [(load.region, load.kind == "traction") for load in scene.loads]
+    given += [(start.region, False) for start in scene.starts]
+    for region, reaches in given:
+        if reaches or not isinstance(region, HalfSpace) or region.axis >= scene.d:
+            continue
+        lo, hi = scene.body.lo[region.axis], scene.body.hi[region.axis]
+        depth = hi - region.at if region.sign > 0 else region.at - lo
+        if depth < 0.5 * (hi - lo) / COUNTS[0]:
+            return False
+    return True
 
 
 def spacings(scene: Scene, cells: bool = False) -> Iterator[float]:
