@@ -50,7 +50,7 @@ LATTICE = {3: 0.014, 4: 0.006, 6: 0.004, 8: 0.003}
 #: Energy that a brittle crack dissipates over G0, less 1 (fracture_static.py).
 TRAPPED = {3: 0.135, 4: 0.044, 5: 0.036, 6: 0.014}
 #: Error C (h / L)^p of nodes: kernels on boxes (a clamped beam) and elsewhere (the
-#: plate with a hole), differences (clamped beam and hole; smooth fields are of second order).
+#: plate with a hole), differences (both; smooth fields are of second order).
 NODAL = {"RKPM": (0.07, 2.0), "RKPM, curved": (0.2, 2.0), "SCNI": (1.0, 2.0)}
 STRONG = {1: (6.0, 3.0), 2: (0.7, 1.0), 3: (0.7, 1.0)}
 
