@@ -41,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what was asked for; returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    if words == ["--gallery"]:
+    if words in (["--gallery"], ["gallery"], ["examples"]):
         print(command.listed())
         return 0
     if not words or words[0].startswith("-"):
@@ -54,6 +54,7 @@ def _scene(words: list[str]) -> int:
     parser = _parser()
     args = parser.parse_intermixed_args(words)
     jax.config.update("jax_enable_x64", True)
+    file = None
     try:
         file = command.find(args.scene, args.words)
         if args.plan:
@@ -66,7 +67,9 @@ def _scene(words: list[str]) -> int:
             plot.pyplot()
         found, job = command.execute(file, out, args.resume)
         told = command.report(found, job, file, out, started)
-    except (ValueError, OSError, ModuleNotFoundError) as error:
+    except ValueError as error:
+        parser.error(str(error) if file is None else command.placed(error, file))
+    except (OSError, ModuleNotFoundError) as error:
         parser.error(str(error))
     except NotConverged as error:
         print(error, file=sys.stderr)

@@ -104,7 +104,14 @@ def find(name: str, words: list[str]) -> SceneFile:
             raise ValueError(f"{words[0]}: a file takes no arguments; edit the file")
         path = Path(name)
         shipped = EXAMPLES / name
-        return load_scene(shipped if not path.exists() and shipped.exists() else path)
+        if not path.exists() and shipped.exists():
+            path = shipped
+        if not path.exists():
+            files = [*Path().glob("*.toml"), *EXAMPLES.glob("*.toml")]
+            near = difflib.get_close_matches(name, [f.name for f in files], 1, 0.5)
+            meant = f"; did you mean {near[0]!r}?" if near else ""
+            raise ValueError(f"name: there is no file {name!r}{meant}")
+        return load_scene(path)
     known = scenes()
     if name not in known:
         near = difflib.get_close_matches(name, [*known, *DRIVERS], 1, 0.5)
@@ -193,6 +200,23 @@ def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str]:
     if first is None:
         raise ValueError(f"{needed}: is missing; a {job} job needs it, in [job.{job}]")
     return DRIVERS[job](scene, first, **options).checked(), job
+
+
+def placed(error: ValueError, file: SceneFile) -> str:
+    """What a driver or the planner refused, with the file that asked for it."""
+    words = str(error)
+    if not file.path.exists() or words.startswith("--"):
+        return words
+    at = next(
+        (
+            f"{table}.{name}: "
+            for table, names in ((f"job.{file.job}", file.options), ("plan", file.wish))
+            for name in names
+            if words.startswith(f"{name}:")
+        ),
+        "",
+    )
+    return f"{file.path.name}: {at}{words}"
 
 
 def report(found: Any, job: str, file: SceneFile, out: Path, started: float) -> dict:

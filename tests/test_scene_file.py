@@ -104,7 +104,7 @@ def prepared(path):
         ("Elastic", "elastic", "material: elastic: is no key here; did you mean 'Ela"),
         ("Elastic", "Solid", "material: Solid: only Python can say a law of your own"),
         ("box =", "mapped =", "body: mapped: only Python can say a body by a function"),
-        ("m = 3", "m = 0.5", "m: 0.5 must be at least 1"),
+        ("m = 3", "m = 0.5", "m: 0.5 must be a number at least 1"),
         (
             "m = 3",
             "m = 3, kernel = { conical = { r = 1 } }",
@@ -226,7 +226,8 @@ def test_a_file_is_run_and_drawn(tmp_path, capsys):
         (["cracked_plat"], "did you mean 'cracked_plate'?"),
         (["cracked_plate", "nn=3"], "did you mean 'n'?"),
         (["cracked_plate", "3"], "written as name=value"),
-        (["nowhere.toml"], "cannot be read"),
+        (["nowhere.toml"], "there is no file 'nowhere.toml'"),
+        (["cracked_plat.toml"], "did you mean 'cracked_plate.toml'?"),
         (["cracked_plate", "--resume"], "keeps no checkpoints"),
     ],
 )
@@ -235,6 +236,13 @@ def test_mistakes_on_the_command_line_are_answered(words, told, capsys):
         main(words)
     assert end.value.code == 2
     assert told in capsys.readouterr().err
+
+
+def test_what_a_driver_refuses_is_told_with_its_place(tmp_path, capsys):
+    path = write(tmp_path, PLATE + "[job.static]\nrtol = 2.0\n")
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path)])
+    assert "scene.toml: job.static.rtol: rtol: 2.0" in capsys.readouterr().err
 
 
 def test_the_gallery_is_listed(capsys):
