@@ -290,3 +290,25 @@ def test_rollers_on_a_face_have_points_there():
     plan = jaxpd.plan(rollers, accuracy=0.3)
     assert plan.scene.resolution.nodes == "edge"
     jaxpd.prepare(plan.scene)
+
+
+def test_fields_of_moduli_and_laws_of_one_s_own():
+    scene = gallery.branching_plate(3, 4e-3)
+    n = len(jaxpd.prepare_motion(scene).X)
+    E = np.linspace(70e9, 74e9, n)
+    field = dataclasses.replace(
+        scene, material=dataclasses.replace(scene.material, E=E)
+    )
+    plan = jaxpd.plan(field, duration=1e-6)
+    assert plan.run(records=1).checked().damage().shape == (n,)
+    law = jaxpd.physics.pmb(72e9, 1 / 3, "plane stress", 2, 4e-3)
+    own = dataclasses.replace(scene, material=jaxpd.Solid(law, rho=2440.0))
+    plan = jaxpd.plan(own, duration=1e-6)
+    assert plan.choice["dt"] == "of the law"
+    plan.run(records=1).checked()
+
+
+def test_a_given_resolution_that_misses_the_accuracy_is_told():
+    coarse = dataclasses.replace(STRIP, resolution=jaxpd.RKPM(dx=1 / 4))
+    assert "above the 1e-06 asked" in jaxpd.plan(coarse, accuracy=1e-6).warnings[-1]
+    assert jaxpd.plan(coarse, accuracy=0.1).warnings == ()

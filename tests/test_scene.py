@@ -258,8 +258,9 @@ GRID = jaxpd.lattice((0, 0), (1, 1), 0.125)
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"material": 3.0}, r"material: 3.0 must be Elastic, or a law with"),
-        ({"material": LogStrain(jnp.asarray(jnp.nan))}, r"no positive stiffness"),
+        ({"material": 3.0}, r"material: 3.0 must be Elastic, Solid or a law"),
+        ({"material": LogStrain(jnp.asarray(jnp.nan))}, r"material.c: .* a number"),
+        ({"material": LogStrain(jnp.asarray(0.0))}, r"no positive stiffness"),
         (
             {"resolution": jaxpd.Bonds(dx=0.125, m=3, kernel=DIVERGENT)},
             r"kernel: the undeformed body has no positive stiffness",

@@ -87,6 +87,10 @@ def plan(
     else:
         wanted = (accuracy, seconds)
         found = _wanted(scene, job, duration, steps, fixed, asked, wanted, reasons)
+    missed = accuracy is not None and (found.error or 0.0) > accuracy
+    if missed and chosen(scene.resolution):
+        over = f"expected error {found.error:.2g} is above the {accuracy:g} asked"
+        found = dataclasses.replace(found, warnings=(*found.warnings, over))
     if seconds is not None and found.cost.seconds > seconds:
         over = f"predicted {found.cost.seconds:.2g} s are above the {seconds:g} asked"
         found = dataclasses.replace(found, warnings=(*found.warnings, over))

@@ -140,7 +140,8 @@ def _able(scene: Scene, look: Look) -> tuple[list[str], list[str]]:
 def _motion(
     scene: Scene, look: Look, duration: float | None, kept: dict[str, Any]
 ) -> tuple[dict[str, Any], Cost, Choices]:
-    material = scene.material[0] if isinstance(scene.material, list) else scene.material
+    given = scene.material
+    material = given[0] if isinstance(given, list | tuple) else given
     whole = isinstance(scene.body, Laminate)
     fictitious = getattr(scene.resolution, "correction", None) == "fictitious"
     plain = isinstance(material, Elastic)
@@ -150,8 +151,11 @@ def _motion(
     x64 = jax.dtypes.canonicalize_dtype(float) == np.float64
     broken = breaks(scene)
     dtype = kept.get("dtype") or ("float64" if x64 and not broken else "float32")
-    dt = kept.get("dt") or 0.8 * stable_step(scene, look)
-    count = 1000 if duration is None else max(1, math.ceil(duration / dt))
+    stable = stable_step(scene, look)
+    dt = kept.get("dt") or (None if stable is None else 0.8 * stable)
+    count, known = 1000, False
+    if duration is not None and dt is not None:
+        count, known = max(1, math.ceil(duration / dt)), True
     cost = costs.in_motion(look, operator, dtype, count)
     if broken:
         memory = "one bit a bond" if operator == "halves" else "one number a bond"
@@ -168,7 +172,7 @@ def _motion(
         "memory": (memory, why),
         "operator": (word, WHY[word]),
         "dtype": (dtype, precise),
-        "dt": (dt, f"0.8 of the stable step, roughly: {count} steps"),
+        "dt": (dt or "of the law", _steps(dt, count, known)),
     }
     options: dict[str, Any] = {"duration": duration, "dtype": dtype}
     if not whole or "operator" in kept:
@@ -178,23 +182,34 @@ def _motion(
     return options, cost, more
 
 
-def stable_step(scene: Scene, look: Look) -> float:
-    """The stable time step (s) of bonds, roughly; the run makes sure of it."""
-    found = []
+def _steps(dt: float | None, count: int, known: bool) -> str:
+    """Where the time step comes from, and how many there are."""
+    if dt is None:
+        return f"known when the law is prepared; cost is of {count} steps"
+    told = f"{count} steps" if known else f"cost is of {count} steps"
+    return f"0.8 of the stable step, roughly: {told}"
+
+
+def stable_step(scene: Scene, look: Look) -> float | None:
+    """The stable time step (s) of bonds, roughly; the run makes sure of it.
+
+    None of a law of one's own, which is asked when it is prepared.
+
+    Raises:
+        ValueError: if nothing has a density.
+    """
     given = scene.material
-    for material in given if isinstance(given, list | tuple) else [given]:
-        rho = getattr(material, "rho", None)
-        law = law_inside(material)
-        E = getattr(material, "E", None) or getattr(law, "E", None)
-        if rho is None or E is None:
-            continue
-        speed = math.sqrt(float(np.max(np.asarray(E))) / float(np.min(np.asarray(rho))))
-        found.append(look.step / speed)
-    if not found:
-        if isinstance(given, Solid):
-            return look.dx / 1e4
+    every = given if isinstance(given, list | tuple) else [given]
+    if any(getattr(material, "rho", None) is None for material in every):
         raise ValueError("material: motion needs a density: Elastic(.., rho=2440.0)")
-    return min(found)
+    stiff = [getattr(law_inside(material), "E", None) for material in every]
+    if any(E is None for E in stiff):
+        return None
+    speeds = [
+        math.sqrt(float(np.max(np.asarray(E))) / float(np.min(np.asarray(m.rho))))
+        for E, m in zip(stiff, every, strict=True)
+    ]
+    return look.step / max(speeds)
 
 
 def _path(

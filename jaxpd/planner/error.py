@@ -152,7 +152,8 @@ def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
 
 def _wave_length(scene: Scene) -> float | None:
     """Speed times the shortest rise of a history (m), of one elastic material."""
-    material = scene.material[0] if isinstance(scene.material, list) else scene.material
+    many = scene.material
+    material = many[0] if isinstance(many, list | tuple) else many
     E, rho = getattr(material, "E", None), getattr(material, "rho", None)
     tables = [c.time for c in (*scene.supports, *scene.loads)]
     rises = [

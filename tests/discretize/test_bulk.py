@@ -91,12 +91,15 @@ def test_calibration_leaves_the_critical_stretch_alone():
     ],
 )
 def test_calibrations_that_mean_nothing_are_refused(changes, words):
-    bonds = {"dx": 0.25, "m": 2, "calibration": "lattice"} | changes
-    scene = jaxpd.Scene(
-        body=jaxpd.box((0.0, 0.0), (2.0, 2.0)),
-        material=jaxpd.Elastic(1.0, 1 / 3, "plane stress"),
-        supports=[jaxpd.holds(jaxpd.below(y=0.0))],
-        resolution=jaxpd.Bonds(**bonds),
-    )
+    def prepared():
+        bonds = {"dx": 0.25, "m": 2, "calibration": "lattice"} | changes
+        scene = jaxpd.Scene(
+            body=jaxpd.box((0.0, 0.0), (2.0, 2.0)),
+            material=jaxpd.Elastic(1.0, 1 / 3, "plane stress"),
+            supports=[jaxpd.holds(jaxpd.below(y=0.0))],
+            resolution=jaxpd.Bonds(**bonds),
+        )
+        return jaxpd.prepare(scene)
+
     with pytest.raises(ValueError, match=words):
-        jaxpd.prepare(scene)
+        prepared()

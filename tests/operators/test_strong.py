@@ -210,7 +210,7 @@ def test_scenes_that_nodes_cannot_have_are_refused_with_their_cure():
     refused("no rim", body=bare)
     refused("cracks", cracks=[jaxpd.segment((0.1, 0.1), (0.5, 0.1))])
     refused("'solid' is 3-D", material=plastic(3))
-    refused("history0", material=object())
+    refused("must be Elastic, Solid or a law", material=object())
     refused(r"use body_force", loads=[jaxpd.pull(jaxpd.above(x=2.0), x=1.0)])
     refused("does nothing", loads=[jaxpd.pressure(jaxpd.ball((9.0, 9.0), 0.1), 1.0)])
     refused("does nothing", loads=[jaxpd.body_force(jaxpd.above(x=2.0), x=1.0)])
