@@ -113,6 +113,7 @@ def main() -> None:
             "runs": runs,
             "over best": ours["cpu"] / best["cpu"] if ours else None,
             "over measured": plan.cost.seconds / (ours or best)["cpu"],
+            "memory over measured": _ratio(plan.cost.bytes, (ours or best)["bytes"]),
         }
         report.rows.append(row)
         cut = "max_states" in case.how
@@ -137,6 +138,10 @@ def main() -> None:
 
 def _agrees(plan: Any, way: dict[str, Any]) -> bool:
     return all(plan.options.get(name, value) == value for name, value in way.items())
+
+
+def _ratio(predicted: float, size: int | None) -> float | None:
+    return None if size is None else predicted / size
 
 
 def _mega(size: int | None) -> float | None:
@@ -172,6 +177,11 @@ def add_claims(report: Report) -> None:
             3.0,
         )
         report.claim("the same, median factor", float(np.median(off)), 1.5)
+    found = [r["memory over measured"] for r in report.rows if r["held back"]]
+    sizes = [max(x, 1 / x) for x in found if x is not None]
+    if sizes:
+        text = f"predicted over measured memory of {len(sizes)} of them, worst factor"
+        report.claim(text, max(sizes), 1.6)
     report.notes.append(
         "processor seconds of fresh processes, imports apart, compilation included"
     )
