@@ -37,7 +37,7 @@ FEW = settings(
     suppress_health_check=[HealthCheck.too_slow],
 )
 MANY = settings(FEW, max_examples=100)
-SOME = settings(FEW, max_examples=40)
+SOME = settings(FEW, max_examples=15)
 
 
 @st.composite
