@@ -312,3 +312,66 @@ def test_a_given_resolution_that_misses_the_accuracy_is_told():
     coarse = dataclasses.replace(STRIP, resolution=jaxpd.RKPM(dx=1 / 4))
     assert "above the 1e-06 asked" in jaxpd.plan(coarse, accuracy=1e-6).warnings[-1]
     assert jaxpd.plan(coarse, accuracy=0.1).warnings == ()
+
+
+PANE = jaxpd.Scene(
+    body=jaxpd.box((0.0, -0.02), (0.1, 0.02)),
+    material=jaxpd.Elastic(E=72e9, nu=1 / 3, state="plane stress", rho=2440.0, G0=3.8),
+    cracks=[jaxpd.segment((0.0, 0.0), (0.05, 0.0))],
+    loads=[
+        jaxpd.traction(jaxpd.above(y=0.02), y=2e6),
+        jaxpd.traction(jaxpd.below(y=-0.02), y=-2e6),
+    ],
+)
+
+
+def test_a_planned_motion_moves_and_its_horizon_is_short():
+    """Wide horizons let opposite tractions cancel: nothing moved."""
+    plan = jaxpd.plan(PANE, accuracy=0.05, duration=1e-6)
+    assert plan.scene.resolution.horizon <= 0.01
+    run = plan.run(records=1).checked()
+    assert run.work[-1] > 0
+
+
+def test_planned_fracture_resolves_the_crack():
+    glass = jaxpd.Elastic(E=72e9, nu=1 / 3, state="plane stress", G0=3.8)
+    scene = jaxpd.Scene(
+        body=jaxpd.box((0.0, -0.02), (0.02, 0.02)),
+        material=glass,
+        cracks=[jaxpd.segment((0.0, 0.0), (0.008, 0.0))],
+        supports=[
+            jaxpd.moves(jaxpd.above(y=0.017), x=0.0, y=+1e-5),
+            jaxpd.moves(jaxpd.below(y=-0.017), x=0.0, y=-1e-5),
+        ],
+        no_fail=[jaxpd.above(y=0.015), jaxpd.below(y=-0.015)],
+    )
+    plan = jaxpd.plan(scene, "fracture", seconds=60.0)
+    assert plan.scene.resolution.horizon <= 0.25 * 0.008 * (1 + 1e-9)
+    with pytest.raises(ValueError, match="say job='fracture'"):
+        jaxpd.plan(scene)
+
+
+def test_what_cannot_run_is_not_planned():
+    crack = [jaxpd.segment((0.5, 0.5), (1.0, 0.5))]
+    steel = jaxpd.Elastic(1.0, nu=0.3, state="plane stress")
+    cracked = dataclasses.replace(STRIP, cracks=crack, material=steel)
+    solid = dataclasses.replace(
+        STRIP, material=jaxpd.Elastic(1.0, nu=0.25, state="solid")
+    )
+    for scene, words in (
+        (cracked, "nu: 0.3 is out of reach"),
+        (solid, "state: 'solid' is 3-D and the body is 2-D"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jaxpd.plan(scene)
+    plan = jaxpd.plan(STRIP, accuracy=0.01)
+    with pytest.raises(ValueError, match="solver: 'foo' must be"):
+        changed(plan, solver="foo")
+    with pytest.raises(ValueError, match="operator: 'fft' is for bonds"):
+        changed(plan, operator="fft")
+
+
+def test_times_are_handed_on():
+    plan = jaxpd.plan(gallery.plastic_bar(), times=[0.1, 0.2])
+    assert plan.options["times"] == [0.1, 0.2]
+    assert len(plan.run().checked().t) == 2

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from jaxpd.checks import instance, number, word
+from jaxpd.geometry import Box
 from jaxpd.planner import error as errors
 from jaxpd.planner.duty import decide
 from jaxpd.planner.less import warnings_of
 from jaxpd.planner.look import chosen, follows, look, remembers
 from jaxpd.planner.plan import Plan
-from jaxpd.planner.wanted import candidates, theories
-from jaxpd.resolution import MLS, NODES, RKPM
+from jaxpd.planner.wanted import candidates, check_able, theories
+from jaxpd.resolution import MLS, NODES, RKPM, Bonds
 from jaxpd.scene import Scene
 
 JOBS = ("static", "motion", "path", "fracture")
@@ -23,6 +24,8 @@ JOBS = ("static", "motion", "path", "fracture")
 FIELDS = ("resolution", "kinematics", "operator", "solver", "dtype", "dt", "tangent")
 #: Relative error that is aimed at where none is asked for.
 ACCURACY = 0.01
+#: Longest horizon over the smallest feature that is chosen.
+LONGEST = 0.25
 #: Most points that are planned without being asked for.
 MOST = 3_000_000
 
@@ -150,6 +153,11 @@ def _job(
         raise ValueError(
             "duration: None; a scene with starts moves: give the duration (s), or a job"
         )
+    if scene.weak or scene.no_fail:
+        raise ValueError(
+            "job: 'auto' of a scene with weak or no_fail; say job='fracture', or a "
+            "duration of motion"
+        )
     reasons["job"] = "no duration, no memory: equilibrium"
     return "static"
 
@@ -171,7 +179,10 @@ def _planned(
         "resolution": scene.resolution,
         "kinematics": scene.kinematics,
     }
+    check_able(scene)
     options, cost, more = decide(scene, job, seen, duration, steps, fixed)
+    if job == "path" and asked.get("times") is not None:
+        options["times"] = asked["times"]
     for name, (value, why) in more.items():
         choice[name] = value
         reasons[name] = "as asked" if fixed.get(name) is not None else why
@@ -213,6 +224,9 @@ def _wanted(
             fine = [dataclasses.replace(scene, resolution=one) for one in level]
             if look(fine[0]).n > MOST:
                 break
+            fine = [one for one in fine if _resolved(one)]
+            if not fine:
+                continue
             new = [
                 _planned(one, job, duration, steps, fixed, asked, reasons)
                 for one in fine
@@ -254,6 +268,14 @@ def _wanted(
         warnings=(*doubts, *best.warnings),
         asked={"scene": scene, **asked},
     )
+
+
+def _resolved(scene: Scene) -> bool:
+    """Whether bonds are short beside a box: else nothing that was measured applies."""
+    if not (isinstance(scene.resolution, Bonds) and isinstance(scene.body, Box)):
+        return True
+    seen = look(scene)
+    return seen.m * seen.dx <= LONGEST * errors.feature(scene, seen) * (1 + 1e-9)
 
 
 def _miss(one: Plan) -> float:

@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxpd.checks import word
 from jaxpd.discretize.directional import DIRECTIONAL
 from jaxpd.laminate import Laminate
 from jaxpd.planner import cost as costs
@@ -20,6 +21,7 @@ from jaxpd.planner.look import Look, breaks, elastic, law_inside, remembers
 from jaxpd.planner.words import WHY
 from jaxpd.resolution import NODES, RKPM, Bonds
 from jaxpd.scene import Elastic, Scene, Solid
+from jaxpd.solvers.linear import methods
 
 #: Events over bonds: mirror images go together, and some bonds stay whole.
 TIED = 0.6
@@ -57,6 +59,12 @@ def decide(
         if name not in known and value is not None:
             raise ValueError(f"{name}: {value!r} is no choice of a {job}; {known} are")
     kept = {name: value for name, value in fixed.items() if value is not None}
+    if "solver" in kept:
+        word("solver", kept["solver"], methods())
+    if "operator" in kept and isinstance(scene.resolution, NODES):
+        raise ValueError(
+            f"operator: {kept['operator']!r} is for bonds; leave it out for nodes"
+        )
     make = {"static": _static, "path": _path, "fracture": _fracture}
     if job == "motion":
         return _motion(scene, look, duration, kept)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.geometry import Box
 from jaxpd.laminate import Laminate
 from jaxpd.planner.look import Look, breaks, elastic
 from jaxpd.resolution import MLS, RKPM, Bonds
@@ -136,18 +137,40 @@ def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
     """Expected error of a scene with a resolution, None if unknown, and its basis."""
     given = scene.resolution
     first = given[0] if isinstance(given, list | tuple) else given
-    if job == "fracture":
-        return of_cracks(seen.m)
-    if job == "motion":
-        error, basis = of_waves(seen, _wave_length(scene))
-        if breaks(scene):
-            trapped, words = of_cracks(seen.m)
-            return max(trapped, error or 0.0), words
-        return error, basis
+    if job in ("fracture", "motion"):
+        return _of_breaking(scene, job, seen)
     own = isinstance(first, Bonds) and not elastic(scene.material)
     if own and not isinstance(scene.body, Laminate):
         return None, "the law is the user's own: refine(scene) measures"
     return expected(first, seen, bool(scene.loads))
+
+
+def _of_breaking(scene: Scene, job: str, seen: Look) -> tuple[float, str]:
+    """Of motion and fracture: the horizon over the body's features, waves, trapping."""
+    error = PRESCRIBED * 2.0 * seen.m * seen.dx / feature(scene, seen)
+    basis = "the horizon over the body's smallest feature"
+    if job == "motion":
+        waves, words = of_waves(seen, _wave_length(scene))
+        basis += "; " + words
+        error = max(error, waves or 0.0)
+    if job == "fracture" or breaks(scene):
+        trapped, words = of_cracks(seen.m)
+        basis, error = f"{basis}; {words}", max(error, trapped)
+    return error, basis
+
+
+def feature(scene: Scene, seen: Look) -> float:
+    """The shortest side of a body, or of what a crack cuts or leaves (m)."""
+    if not isinstance(scene.body, Box):
+        return seen.least
+    lengths = [hi - lo for lo, hi in zip(scene.body.lo, scene.body.hi, strict=True)]
+    for crack in scene.cracks:
+        for edge in crack.edges:
+            length = float(np.linalg.norm(edge))
+            axis = int(np.argmax(np.abs(edge)))
+            side = scene.body.hi[axis] - scene.body.lo[axis]
+            lengths += [x for x in (length, side - length) if x > 1e-9 * side]
+    return min(lengths)
 
 
 def _wave_length(scene: Scene) -> float | None:

@@ -63,6 +63,25 @@ def _bonded(material: Any) -> bool:
     return True
 
 
+def check_able(scene: Scene) -> None:
+    """Refuse constants that bonds, or bodies of so many dimensions, cannot have.
+
+    Raises:
+        ValueError: naming nu or state.
+    """
+    given = scene.material
+    for material in given if isinstance(given, list | tuple) else [given]:
+        if not isinstance(material, Elastic):
+            continue
+        if constants.DIMENSIONS[material.state] != scene.d:
+            raise ValueError(
+                f"state: {material.state!r} is {constants.DIMENSIONS[material.state]}-D"
+                f" and the body is {scene.d}-D"
+            )
+        if isinstance(scene.resolution, Bonds | list | tuple):
+            constants.check_bond_based(material.nu, material.state)
+
+
 def candidates(scene: Scene, job: str, theory: str) -> Iterator[list[Any]]:
     """Resolutions of a theory, a list for each spacing, coarse to fine.
 
