@@ -375,3 +375,35 @@ def test_times_are_handed_on():
     plan = jaxpd.plan(gallery.plastic_bar(), times=[0.1, 0.2])
     assert plan.options["times"] == [0.1, 0.2]
     assert len(plan.run().checked().t) == 2
+
+
+BLOCK = jaxpd.Scene(
+    body=jaxpd.box((0, 0, 0), (2, 1, 1)),
+    material=jaxpd.Elastic(1.0, nu=0.25, state="solid"),
+    supports=[jaxpd.holds(jaxpd.below(x=0.0))],
+    loads=[jaxpd.traction(jaxpd.above(x=2.0), z=1e-3)],
+    kinematics="small",
+)
+#: Mean deflection of its end: scikit-fem, quadratic hexahedra, 12 x 6 x 6; 0.03714 at 8.
+BLOCK_DEFLECTION = 0.03719
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "resolution",
+    [
+        jaxpd.MLS(dx=1 / 6),
+        jaxpd.Bonds(dx=1 / 12, m=3, correction="energy", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 12, m=3, correction="fictitious", nodes="cell"),
+        jaxpd.Bonds(dx=1 / 24, m=3, correction="energy", nodes="cell"),
+    ],
+    ids=repr,
+)
+def test_a_clamped_block_errs_no_more_than_expected(resolution):
+    plan = jaxpd.plan(dataclasses.replace(BLOCK, resolution=resolution))
+    solution = plan.run().checked()
+    X, u = np.asarray(solution.X), np.asarray(solution.u)
+    columns = np.unique(np.round(X[X[:, 0] > 1.0, 0], 9))[-3:]
+    mean = [u[np.abs(X[:, 0] - x) < 1e-6, 2].mean() for x in columns]
+    end = np.polyval(np.polyfit(columns, mean, 2), 2.0)
+    assert abs(end / BLOCK_DEFLECTION - 1.0) <= plan.error
