@@ -181,6 +181,12 @@ def _faces(
             continue
         depth = face.sign * (at - X[:, face.axis])
         near = (depth < delta * (1.0 - 1e-9)) & box.contains(X)
+        if delta > 0.5 * sides[face.axis] * (1.0 + 1e-9):
+            raise ValueError(
+                f"delta: {delta:.6g} m; a traction on {face} is spread over a horizon, "
+                f"and the body is only {sides[face.axis]:.6g} m long there: take a "
+                "horizon of at most half of that, better a tenth"
+            )
         found.append((float(np.delete(sides, face.axis).prod()), near))
     if not found:
         raise ValueError(

@@ -11,12 +11,12 @@ import numpy as np
 from jaxpd.checks import instance, number, word
 from jaxpd.geometry import Box
 from jaxpd.planner import error as errors
-from jaxpd.planner.duty import decide
-from jaxpd.planner.less import warnings_of
 from jaxpd.planner.look import chosen, follows, look, remembers
 from jaxpd.planner.plan import Plan
-from jaxpd.planner.wanted import candidates, check_able, theories
-from jaxpd.resolution import MLS, NODES, RKPM, Bonds
+from jaxpd.planner.planned import planned
+from jaxpd.planner.trial import check_runs
+from jaxpd.planner.wanted import candidates, theories
+from jaxpd.resolution import NODES, Bonds
 from jaxpd.scene import Scene
 
 JOBS = ("static", "motion", "path", "fracture")
@@ -86,7 +86,8 @@ def plan(
             reasons[name] = "as asked"
     if chosen(scene.resolution):
         reasons.setdefault("resolution", "given by the scene")
-        found = _planned(scene, job, duration, steps, fixed, asked, reasons)
+        found = planned(scene, job, duration, steps, fixed, asked, reasons)
+        check_runs(found.scene, job, found.options)
     else:
         wanted = (accuracy, seconds)
         found = _wanted(scene, job, duration, steps, fixed, asked, wanted, reasons)
@@ -162,47 +163,6 @@ def _job(
     return "static"
 
 
-def _planned(
-    scene: Scene,
-    job: str,
-    duration: float | None,
-    steps: int,
-    fixed: dict[str, Any],
-    asked: dict[str, Any],
-    reasons: dict[str, str],
-) -> Plan:
-    """The plan of a scene with a resolution."""
-    seen = look(scene)
-    reasons = dict(reasons)
-    choice: dict[str, Any] = {
-        "theory": _theory(scene.resolution),
-        "resolution": scene.resolution,
-        "kinematics": scene.kinematics,
-    }
-    check_able(scene)
-    options, cost, more = decide(scene, job, seen, duration, steps, fixed)
-    if job == "path" and asked.get("times") is not None:
-        options["times"] = asked["times"]
-    for name, (value, why) in more.items():
-        choice[name] = value
-        reasons[name] = "as asked" if fixed.get(name) is not None else why
-    reasons.setdefault("kinematics", _why_kinematics(scene, job))
-    error, basis = errors.of_scene(scene, job, seen)
-    choice["points"] = seen.n
-    return Plan(
-        scene=scene,
-        job=job,
-        choice=choice,
-        options=options,
-        cost=cost,
-        error=error,
-        basis=basis,
-        reasons=reasons,
-        warnings=tuple(warnings_of(scene, seen, job)),
-        asked={"scene": scene, **asked},
-    )
-
-
 def _wanted(
     scene: Scene,
     job: str,
@@ -228,7 +188,7 @@ def _wanted(
             if not fine:
                 continue
             new = [
-                _planned(one, job, duration, steps, fixed, asked, reasons)
+                planned(one, job, duration, steps, fixed, asked, reasons)
                 for one in fine
             ]
             tried += new
@@ -247,14 +207,15 @@ def _wanted(
     cheapest = accuracy is not None
     if affordable:
         key = (lambda p: p.cost.seconds) if cheapest else _miss
-        best = min(affordable, key=key)
+        best = _first_able(sorted(affordable, key=key), job)
         words = f"cheapest of {len(tried)} tried" if cheapest else "most accurate"
         words += f" for an error of {accuracy:g}" if accuracy else ""
         words += f" within {seconds:g} s" if seconds else ""
         doubts: tuple[str, ...] = ()
     else:
         pool = [p for p in tried if seconds is None or p.cost.seconds <= seconds]
-        best = min(pool or tried, key=_miss if pool else lambda p: p.cost.seconds)
+        ranked = sorted(pool or tried, key=_miss if pool else lambda p: p.cost.seconds)
+        best = _first_able(ranked, job)
         words = f"best of {len(tried)} tried"
         doubts = (
             f"none of {len(tried)} resolutions is expected to meet"
@@ -270,6 +231,24 @@ def _wanted(
     )
 
 
+def _first_able(ranked: list[Plan], job: str) -> Plan:
+    """The first plan that its driver would not refuse.
+
+    Raises:
+        ValueError: what the first is refused for, if all are.
+    """
+    refusal: ValueError | None = None
+    for one in ranked:
+        try:
+            check_runs(one.scene, job, one.options)
+        except ValueError as error:
+            refusal = refusal or error
+        else:
+            return one
+    assert refusal is not None
+    raise refusal
+
+
 def _resolved(scene: Scene) -> bool:
     """Whether bonds are short beside a box: else nothing that was measured applies."""
     if not (isinstance(scene.resolution, Bonds) and isinstance(scene.body, Box)):
@@ -280,20 +259,3 @@ def _resolved(scene: Scene) -> bool:
 
 def _miss(one: Plan) -> float:
     return np.inf if one.error is None else one.error
-
-
-def _theory(resolution: Any) -> str:
-    one = resolution[0] if isinstance(resolution, list | tuple) else resolution
-    if isinstance(one, RKPM):
-        return "kernels, weak form"
-    return "MLS difference, strong form" if isinstance(one, MLS) else "bonds"
-
-
-def _why_kinematics(scene: Scene, job: str) -> str:
-    if job == "motion":
-        return "motion is always of finite displacements"
-    if isinstance(scene.resolution, NODES) or job == "fracture":
-        return "its theory is of small displacements"
-    if scene.kinematics == "small":
-        return "one linear solve, no Newton loop"
-    return "Newton's method; where strains are below 1e-3, 'small' saves the loop"

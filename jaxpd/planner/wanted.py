@@ -23,7 +23,22 @@ RATIOS = (3, 4, 6)
 
 
 def theories(scene: Scene, job: str) -> tuple[list[str], str]:
-    """Theories that can model a scene, and why, cheapest to state first."""
+    """Theories that can model a scene, and why, cheapest to state first.
+
+    Raises:
+        ValueError: naming the job, if it is load steps and the scene asks for bonds.
+    """
+    found, why = _theories(scene, job)
+    nodes = [name for name in found if name != "bonds"]
+    if job == "path" and not nodes:
+        raise ValueError(
+            f"job: 'path' is load steps of nodes, and this scene asks for bonds ({why})"
+            ": 'static', 'motion' or 'fracture'"
+        )
+    return (nodes if job == "path" else found), why
+
+
+def _theories(scene: Scene, job: str) -> tuple[list[str], str]:
     if isinstance(scene.body, Laminate):
         return ["bonds"], "plies joined by ghost interlayers are bonds"
     if job in ("motion", "fracture"):
