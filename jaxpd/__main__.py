@@ -41,6 +41,11 @@ def _parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what was asked for; returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
+    if len(words) > 1 and words[0] == "--gallery":
+        _parser().error(
+            f"--gallery: lists, and takes no {words[1]!r}; `python -m jaxpd {words[1]}`"
+            " runs one"
+        )
     if words in (["--gallery"], ["gallery"], ["examples"]):
         print(command.listed())
         return 0
@@ -67,6 +72,7 @@ def _scene(words: list[str]) -> int:
             plot.pyplot()
         found, job = command.execute(file, out, args.resume)
         told = command.report(found, job, file, out, started)
+        command.clear(file, out)
     except ValueError as error:
         parser.error(str(error) if file is None else command.placed(error, file))
     except (OSError, ModuleNotFoundError) as error:

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from jaxpd.checks import real
-from jaxpd.discretize.directional import DIRECTIONAL
-from jaxpd.discretize.surface import CORRECTIONS
 from jaxpd.geometry import (
     Box,
     Cloud,
@@ -24,8 +22,8 @@ from jaxpd.geometry import (
     pieces,
 )
 from jaxpd.laminate import Laminate
-from jaxpd.resolution import NODES, Kernel, check_horizon
-from jaxpd.scene import Elastic, Scene
+from jaxpd.resolution import NODES, check_horizon
+from jaxpd.scene import Scene
 from jaxpd.schedule import ALWAYS, Table
 
 
@@ -131,7 +129,7 @@ def loads_on(
             raise ValueError(
                 "loads: a pressure needs a rim of nodes (MLS, RKPM); use pull()"
             )
-        # layers outside the body are there for the supports and carry no load
+        # layers outside the body carry no load
         parts = [(1.0, load.region.contains(X) & body)]
         if load.kind == "traction":
             parts = _faces(boxes, load.region, X)
@@ -181,11 +179,10 @@ def _faces(
             continue
         depth = face.sign * (at - X[:, face.axis])
         near = (depth < delta * (1.0 - 1e-9)) & box.contains(X)
-        if delta > 0.5 * sides[face.axis] * (1.0 + 1e-9):
+        if delta > 0.5 * (side := sides[face.axis]) * (1.0 + 1e-9):
             raise ValueError(
-                f"delta: {delta:.6g} m; a traction on {face} is spread over a horizon, "
-                f"and the body is only {sides[face.axis]:.6g} m long there: take a "
-                "horizon of at most half of that, better a tenth"
+                f"delta: a traction is spread over a horizon, {delta:.6g} m, and {face}"
+                f" ends a side of {side:.6g} m: take at most half of it, better a tenth"
             )
         found.append((float(np.delete(sides, face.axis).prod()), near))
     if not found:
@@ -267,50 +264,3 @@ def free_faces(scene: Scene) -> tuple[tuple[bool, bool], ...]:
     if isinstance(scene.body, Cloud):
         return ((True, True),) * scene.d
     return tuple((below == 0, above == 0) for below, above in scene.layers())
-
-
-def check_correction(
-    correction: str, scene: Scene, cloud: Cloud, operator: str
-) -> None:
-    """Refuse a surface correction that the scene or the operator cannot have.
-
-    Raises:
-        ValueError: naming the argument, its value and the cure.
-    """
-    if correction not in CORRECTIONS:
-        raise ValueError(f"correction: {correction!r} must be one of {CORRECTIONS}")
-    if correction in DIRECTIONAL:
-        if not isinstance(scene.material, Elastic):
-            raise ValueError(
-                f"correction: {correction!r} compares with classical elasticity and "
-                "needs an Elastic material; use 'lattice' or 'analytic' with own laws"
-            )
-        kernel = scene.resolution.kernel
-        steep = isinstance(kernel, Kernel) and kernel.name == "fractional"
-        alpha = float(getattr(kernel, "parameter", 0.0))
-        if correction == "force density" and steep and alpha >= 1:
-            raise ValueError(
-                f"alpha: {alpha:g} must be below 1 with the correction 'force density',"
-                " whose pull of a half neighbourhood diverges from there on; use "
-                "correction='energy'"
-            )
-        if operator == "fft":
-            raise ValueError(
-                f"operator: 'fft' needs bonds that are alike, and the correction "
-                f"{correction!r} makes each its own; use 'stencil' or 'gather'"
-            )
-    if correction == "fictitious":
-        if operator not in ("auto", "gather"):
-            raise ValueError(
-                f"operator: {operator!r} does not know of the correction 'fictitious';"
-                " use 'gather'"
-            )
-        if np.ndim(getattr(scene.material, "E", 0.0)):
-            raise ValueError(
-                "E: a modulus of every point cannot be continued beyond the body by "
-                "the correction 'fictitious'; use correction='energy'"
-            )
-        if not any(map(any, free_faces(scene))):
-            raise ValueError(
-                "correction: 'fictitious' finds no free face; use 'none' or 'lattice'"
-            )

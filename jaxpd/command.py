@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd import gallery
+from jaxpd import gallery, io
 from jaxpd.explicit import run_explicit
 from jaxpd.fracture import solve_fracture
 from jaxpd.path import solve_path
@@ -179,9 +179,10 @@ def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str]:
         made = planned(file)
         job, scene = made.job, made.scene
         options = made.options | options
+    _check_vtu(file, job, options)
     keeps = "folder" in inspect.signature(DRIVERS[job]).parameters
     keeps = keeps and not (job == "fracture" and "softening" in options)
-    folder = out / "checkpoints"
+    folder = _kept(file, out)
     if resume and not keeps:
         raise ValueError(f"--resume: a {job} job keeps no checkpoints; run it again")
     if keeps:
@@ -189,9 +190,8 @@ def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str]:
         if held and not resume:
             raise ValueError(
                 f"--resume: {folder} holds checkpoints; say --resume to go on from "
-                "them, or remove the folder to start again"
+                "them, or remove the folder to start anew"
             )
-        folder.mkdir(parents=True, exist_ok=True)
         options["folder"] = folder
     needed = {"motion": "duration", "path": "times"}.get(job)
     if needed is None:
@@ -200,6 +200,32 @@ def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str]:
     if first is None:
         raise ValueError(f"{needed}: is missing; a {job} job needs it, in [job.{job}]")
     return DRIVERS[job](scene, first, **options).checked(), job
+
+
+def _kept(file: SceneFile, out: Path) -> Path:
+    """The folder of a scene's checkpoints."""
+    return out / f"{file.path.stem}.checkpoints"
+
+
+def clear(file: SceneFile, out: Path) -> None:
+    """Remove the checkpoints of a run that came to its end, unless they are kept."""
+    if file.output.get("keep", False):
+        return
+    folder = _kept(file, out)
+    for kept in folder.glob("*.npz"):
+        kept.unlink()
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _check_vtu(file: SceneFile, job: str, options: dict[str, Any]) -> None:
+    """Refuse frames for ParaView, before a run, of what will have none."""
+    if not file.output.get("vtu", False):
+        return
+    if job == "relaxed":
+        raise ValueError("vtu: a relaxed job has no frames; leave it out")
+    if job == "motion" and not options.get("frames"):
+        raise ValueError("vtu: needs frames; say frames = 10 in [job.motion]")
 
 
 def placed(error: ValueError, file: SceneFile) -> str:
@@ -239,8 +265,10 @@ def _vtu(found: Any, job: str, folder: Path) -> Path:
     elif job == "path":
         folder.mkdir(parents=True, exist_ok=True)
         found.write(folder / "path")
-    elif job == "fracture":
-        found.write(folder)
+    elif job == "static":
+        u, force = np.asarray(found.u), np.asarray(found.reaction)
+        fields = {"u": u[None], "reaction": force[None]}
+        io.write_series(folder, np.asarray(found.X), np.zeros(1), fields)
     else:
-        raise ValueError(f"vtu: a {job} job has no frames; motion and path have")
+        found.write(folder)
     return folder

@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd.assembly import Params
-from jaxpd.body import check_correction
+from jaxpd.body import free_faces
 from jaxpd.discretize.bulk import energy_ratio
+from jaxpd.discretize.directional import DIRECTIONAL
+from jaxpd.discretize.surface import CORRECTIONS
 from jaxpd.geometry import Cloud
 from jaxpd.geometry.crack import check_inside
 from jaxpd.physics import bond_block, elastic
@@ -25,6 +27,53 @@ def correction_of(scene: Scene, cloud: Cloud, operator: str = "auto") -> str:
         correction = "lattice" if cloud.lattice is not None else "analytic"
     check_correction(correction, scene, cloud, operator)
     return correction
+
+
+def check_correction(
+    correction: str, scene: Scene, cloud: Cloud, operator: str
+) -> None:
+    """Refuse a surface correction that the scene or the operator cannot have.
+
+    Raises:
+        ValueError: naming the argument, its value and the cure.
+    """
+    if correction not in CORRECTIONS:
+        raise ValueError(f"correction: {correction!r} must be one of {CORRECTIONS}")
+    if correction in DIRECTIONAL:
+        if not isinstance(scene.material, Elastic):
+            raise ValueError(
+                f"correction: {correction!r} compares with classical elasticity and "
+                "needs an Elastic material; use 'lattice' or 'analytic' with own laws"
+            )
+        kernel = scene.resolution.kernel
+        steep = isinstance(kernel, Kernel) and kernel.name == "fractional"
+        alpha = float(getattr(kernel, "parameter", 0.0))
+        if correction == "force density" and steep and alpha >= 1:
+            raise ValueError(
+                f"alpha: {alpha:g} must be below 1 with the correction 'force density',"
+                " whose pull of a half neighbourhood diverges from there on; use "
+                "correction='energy'"
+            )
+        if operator == "fft":
+            raise ValueError(
+                f"operator: 'fft' needs bonds that are alike, and the correction "
+                f"{correction!r} makes each its own; use 'stencil' or 'gather'"
+            )
+    if correction == "fictitious":
+        if operator not in ("auto", "gather"):
+            raise ValueError(
+                f"operator: {operator!r} does not know of the correction 'fictitious';"
+                " use 'gather'"
+            )
+        if np.ndim(getattr(scene.material, "E", 0.0)):
+            raise ValueError(
+                "E: a modulus of every point cannot be continued beyond the body by "
+                "the correction 'fictitious'; use correction='energy'"
+            )
+        if not any(map(any, free_faces(scene))):
+            raise ValueError(
+                "correction: 'fictitious' finds no free face; use 'none' or 'lattice'"
+            )
 
 
 def model_of(scene: Scene) -> tuple[tuple[str, float | None, str], Params]:

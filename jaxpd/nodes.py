@@ -52,7 +52,7 @@ def nodal_problem(
     resolution = scene.resolution
     assert isinstance(resolution, MLS)
     cloud = cloud_with_rim(scene)
-    law = law_of(scene)
+    law = law_of(scene, len(cloud.X))
     X, d = np.asarray(cloud.X), scene.d
     fixed, moved, courses = supports_on(scene, X)
     scheme = resolution.scheme
@@ -96,10 +96,10 @@ def cloud_with_rim(scene: Scene) -> Cloud:
     Raises:
         ValueError: on what nodes cannot have: cracks, float32, a body without spacing.
     """
-    if scene.cracks or scene.starts or scene.no_fail:
+    if scene.cracks or scene.starts or scene.no_fail or scene.weak:
         raise ValueError(
-            "cracks, starts, no_fail: are for bonds; a body of nodes has none of them, "
-            "leave them out or use resolution=Bonds(..)"
+            "cracks, starts, no_fail, weak: are for bonds; a body of nodes has none of "
+            "them, leave them out or use resolution=Bonds(..)"
         )
     cloud = _cloud(scene)
     if cloud.X.dtype == jnp.float32:
@@ -139,8 +139,12 @@ def _cloud(scene: Scene) -> Cloud:
     return dataclasses.replace(grid, vol=jnp.asarray(vol), rim=rim)
 
 
-def law_of(scene: Scene) -> Any:
-    """The law of one node: that of the scene, or Hooke's of an `Elastic`."""
+def law_of(scene: Scene, n: int) -> Any:
+    """The law of n nodes: that of the scene, or Hooke's of an `Elastic`.
+
+    Raises:
+        ValueError: naming what no law of nodes has, or a field that is not nodal.
+    """
     law = scene.material
     if isinstance(law, Solid):
         if np.isfinite(law.s_crit):
@@ -157,11 +161,10 @@ def law_of(scene: Scene) -> Any:
             "jaxpd.physics.node"
         )
     if isinstance(law, Hooke | VonMises):
-        n = len(scene.body.X) if isinstance(scene.body, Cloud) else None
         for name in ("E", "nu", "h_kin"):
             given = getattr(law, name, None)
             shape = () if given is None else np.shape(given)
-            if shape and n is not None and shape != (n,):
+            if shape not in ((), (n,)):
                 raise ValueError(f"{name}: shape {shape} must be [] or [{n}], nodal")
     state = getattr(law, "state", None)
     if state is not None and elastic.DIMENSIONS[state] != scene.d:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import Partial
 
-from jaxpd.checks import real
+from jaxpd.checks import instance, numbers, real
 from jaxpd.geometry import Crack, Region
 from jaxpd.problem import Params, Problem
 
@@ -182,6 +182,10 @@ def openings(
     Raises:
         ValueError: as `observation`.
     """
+    instance("crack", crack, Crack, "a segment(..)")
+    numbers("at", at, least=0, most=1)
+    if np.ndim(at) != 1:
+        raise ValueError(f"at: {at!r} must be a list of edge coordinates [k]")
     X = np.asarray(problem.X)
     i, j = np.array([crack.faces(X, t) for t in at]).T
     return observation(data, Partial(_opening, i, j, crack.normal), sigma)

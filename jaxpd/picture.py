@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import KDTree
 
+from jaxpd.checks import instance
 from jaxpd.fracture import Growth
 from jaxpd.path import Path
 from jaxpd.plot import energies, frames, new_figure
@@ -30,7 +32,12 @@ def picture(found: Solution | Run | Path | Growth | Relaxed) -> Figure:
 
     Returns:
         A figure that no window manager knows of: save it, or show it in a notebook.
+
+    Raises:
+        ValueError: if it is no result.
     """
+    cure = "what solve_static, run_explicit, solve_path or solve_fracture returned"
+    instance("found", found, (Solution, Run, Path, Growth, Relaxed), cure)
     if isinstance(found, Run):
         return _motion(found)
     if isinstance(found, Growth):
@@ -74,7 +81,7 @@ def _body(axes: Axes, X: Any, u: Any, colour: Any, label: str) -> float:
         x = np.stack([x[:, 0] - 0.5 * x[:, 1], x[:, 2] - 0.35 * x[:, 1]], axis=1)
         x, colour = x[::-1], colour[::-1]
     width = float(np.ptp(x, axis=0).max())
-    spacing = (np.prod(np.maximum(np.ptp(x, axis=0), 1e-9 * width)) / len(x)) ** 0.5
+    spacing = float(np.median(KDTree(x).query(x, k=min(3, len(x)))[0][:, 1]))
     colour = np.asarray(colour)
     middle, half = 0.5 * (colour.max() + colour.min()), 0.5 * np.ptp(colour)
     half = max(half, 1e-6 * abs(middle))  # round-off is no pattern

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.checks import instance, number, numbers, whole
 from jaxpd.convergence import Refinement
 from jaxpd.geometry import Box
 from jaxpd.resolution import NODES, Bonds
@@ -60,13 +61,20 @@ def refine(
         ValueError: naming the argument, its value and the cure.
         NotConverged: if a solve fails.
     """
+    if not callable(scene):
+        instance("scene", scene, Scene, "a Scene(..), or a function of a spacing")
+    for name, given in (("quantity", quantity), ("solve", solve)):
+        if not callable(given):
+            raise ValueError(f"{name}: {given!r} must be a function")
+    if exact is not None:
+        number("exact", exact)
     make = scene if callable(scene) else _maker(scene, what)
     if isinstance(scene, Scene):
         what = what or ("h" if isinstance(scene.resolution, NODES) else "delta")
         sizes = _spacings(scene, ratio, levels) if sizes is None else sizes
     if sizes is None:
         raise ValueError("sizes: None; a function of a spacing needs a list of them")
-    h = np.asarray(sizes, float)
+    h = np.asarray(numbers("sizes", sizes, above=0, cure="in m"), float)
     if h.ndim != 1 or len(h) < 2 or not (np.diff(h) < 0).all() or not (h > 0).all():
         raise ValueError(f"sizes: {sizes} must be two or more, positive and falling")
     rows, notes = [], []
@@ -77,9 +85,7 @@ def refine(
         solution = solve(level)
         if hasattr(solution, "checked"):
             solution.checked()
-        value = float(quantity(solution))
-        if not math.isfinite(value):
-            raise ValueError(f"quantity: {value} at dx = {dx}; it must be finite")
+        value = float(number("quantity", quantity(solution), cure=f"at dx = {dx:g}"))
         resolution = level.resolution
         delta = resolution.horizon if isinstance(resolution, Bonds) else math.nan
         points = len(solution.X) if hasattr(solution, "X") else 0
@@ -104,7 +110,10 @@ def _maker(scene: Scene, what: str | None) -> Callable[[float], Scene]:
     if what is not None and what not in known:
         raise ValueError(f"what: {what!r} must be one of {known} here")
     if resolution.dx is None:
-        raise ValueError("scene: its resolution needs a spacing dx, the coarsest")
+        raise ValueError(
+            "scene: its resolution needs a spacing dx, the coarsest, as in "
+            "Bonds(dx=1/16, m=4)"
+        )
     if not bonds:
         return lambda dx: dataclasses.replace(
             scene, resolution=dataclasses.replace(resolution, dx=dx)
@@ -118,10 +127,8 @@ def _maker(scene: Scene, what: str | None) -> Callable[[float], Scene]:
 
 def _spacings(scene: Scene, ratio: float, levels: int) -> list[float]:
     """Spacings near a geometric row that divide all sides of a box."""
-    if not ratio > 1 or levels < 2:
-        raise ValueError(
-            f"ratio: {ratio} must be above 1, levels: {levels} at least 2, better 4"
-        )
+    number("ratio", ratio, above=1, cure="2 is common")
+    levels = whole("levels", levels, 2, "better 4")
     body: Any = scene.body
     sides = np.asarray(body.hi) - np.asarray(body.lo)
     cells = np.rint(sides / scene.resolution.dx).astype(int)

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpd._types import PointScalar, PointVector
+from jaxpd.checks import instance, number, whole
 from jaxpd.compiling import quickly
 from jaxpd.galerkin import GalerkinProblem, solve_galerkin
 from jaxpd.geometry import Crack, Region
@@ -130,6 +131,7 @@ class Solution:
 
     def reaction_on(self, region: Region) -> np.ndarray:
         """Resultant [d] (N) of the supports' forces on the points in a region."""
+        instance("region", region, Region, "above(..), below(..), box(..), ball(..)")
         inside = region.contains(np.asarray(self.X))
         return np.asarray(self.reaction)[inside].sum(axis=0)
 
@@ -143,7 +145,8 @@ class Solution:
             ValueError: if there is no such interlayer.
         """
         glue = getattr(self.problem, "glue", ())
-        if not 0 <= layer < len(glue):
+        layer = whole("layer", layer, 0)
+        if not layer < len(glue):
             raise ValueError(f"layer: {layer} must lie in 0..{len(glue) - 1}")
         found = self.problem.traction(self.u)[layer]
         return glue[layer][0].places, np.asarray(found)
@@ -155,6 +158,8 @@ class Solution:
         nearest below. The elastic strain over the spacing between the two is included.
         """
         u = np.asarray(self.u)
+        instance("crack", crack, Crack, "a segment(..)")
+        number("at", at, least=0, most=1)
         i, j = crack.faces(np.asarray(self.X), at)
         return float((u[i] - u[j]) @ crack.normal)
 

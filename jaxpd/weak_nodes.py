@@ -49,7 +49,7 @@ def galerkin_problem(
     resolution = scene.resolution
     assert isinstance(resolution, RKPM)
     cloud = cloud_with_rim(scene)
-    law, scheme = law_of(scene), SCHEMES[resolution.scheme]
+    law, scheme = law_of(scene, len(cloud.X)), SCHEMES[resolution.scheme]
     linear = isinstance(law, Hooke)
     if scheme.stabilisation != "none" and not linear:
         raise ValueError(

@@ -1,7 +1,8 @@
 """Bad inputs are answered by an error that names the argument; none is let in.
 
-The tables are `tests.bad_inputs` and `tests.bad_scenes`. An answer counts as named if
-it is a `ValueError` whose message has the name of the argument before the first colon.
+The tables are `tests.bad_inputs`, `tests.bad_scenes` and `tests.bad_doors`. An answer
+counts as named if it is a `ValueError` whose message has the name of the argument
+before the first colon.
 """
 
 import collections
@@ -9,9 +10,9 @@ import re
 
 import pytest
 
-from tests import bad_inputs, bad_scenes
+from tests import bad_doors, bad_inputs, bad_scenes
 
-CASES = bad_inputs.CASES + bad_scenes.CASES
+CASES = bad_inputs.CASES + bad_scenes.CASES + bad_doors.CASES
 
 
 def door_of(label):

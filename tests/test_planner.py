@@ -154,9 +154,73 @@ def test_what_makes_no_plan_is_refused(arguments, words):
         jaxpd.plan(gallery.cracked_plate(16, 4), **arguments)
 
 
+PINS = [
+    jaxpd.moves(jaxpd.ball((0.0, 0.0, 0.0), 1e-3), y=0.0, z=0.0),
+    jaxpd.moves(jaxpd.ball((0.0, 1.0, 0.0), 1e-3), z=0.0),
+]
+
+
+CRACK = jaxpd.segment((0.5, 0.5), (1.0, 0.5))
+FAR = jaxpd.ball((9.0, 9.0), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("scene", "asked", "words"),
+    [
+        ({"supports": [jaxpd.holds(FAR)]}, {}, "supports: no point lies in"),
+        ({"supports": []}, {}, "supports: 3 rigid-body mode"),
+        ({"supports": [jaxpd.moves(jaxpd.below(x=0.0), x=0.0)]}, {}, "1 rigid-body"),
+        ({"loads": [jaxpd.body_force(FAR, y=1.0)]}, {}, "loads: the density in"),
+        ({"loads": [jaxpd.traction(jaxpd.above(x=2.0), z=1.0)]}, {}, "loads: z=1.0"),
+        ({"cracks": [jaxpd.segment((5, 5), (6, 5))]}, {}, "cracks: .* lies beside"),
+        ({"cracks": [CRACK]}, {"times": [0.5, 1.0]}, "job: 'path' is load steps"),
+        ({"weak": [CRACK]}, {"job": "static"}, "starts, no_fail, weak"),
+        ({"resolution": jaxpd.MLS(dx=1 / 8)}, {"solver": "amg"}, "solver: 'amg' is"),
+        ({"resolution": jaxpd.RKPM(dx=1 / 8)}, {"solver": "spectral"}, "solver: 'spec"),
+        (
+            {"resolution": jaxpd.Bonds(dx=1 / 16, m=3, correction="energy")},
+            {"solver": "multigrid"},
+            "solver: 'multigrid' is",
+        ),
+        ({"resolution": jaxpd.MLS(dx=1 / 8)}, {"job": "fracture"}, "resolution: MLS"),
+        ({"resolution": jaxpd.Bonds(dx=1 / 16, m=3)}, {"job": "fracture"}, "material:"),
+        ({"resolution": jaxpd.Bonds(dx=0.2, m=6)}, {}, "delta: a traction is spread"),
+        (
+            {
+                "material": jaxpd.Elastic(np.ones(50), 1 / 3, "plane stress"),
+                "resolution": jaxpd.MLS(dx=1 / 8),
+            },
+            {},
+            r"E: shape \(50,\) must be",
+        ),
+    ],
+)
+def test_no_plan_is_made_that_its_driver_would_refuse(scene, asked, words):
+    with pytest.raises(ValueError, match=words):
+        jaxpd.plan(dataclasses.replace(STRIP, **scene), **asked)
+
+
+def test_loads_say_which_theory_can():
+    pulled = [jaxpd.pull(jaxpd.above(x=1.9), y=1e-3)]
+    plan = jaxpd.plan(dataclasses.replace(STRIP, loads=pulled), accuracy=0.3)
+    assert plan.choice["theory"] == "bonds"
+    assert "pull()" in plan.reasons["theory"]
+    pressed = [jaxpd.pressure(jaxpd.above(x=2.0), 1e-3)]
+    plan = jaxpd.plan(dataclasses.replace(STRIP, loads=pressed), accuracy=0.3)
+    assert plan.choice["theory"] != "bonds"
+
+
+def test_wrong_options_of_a_run_are_answered():
+    plan = jaxpd.plan(gallery.cracked_plate(16, 4), accuracy=0.3)
+    with pytest.raises(ValueError, match=r"rtoll: is no option .* mean 'rtol'"):
+        plan.run(rtoll=1e-3)
+    with pytest.raises(ValueError, match=r"found: .* must be a Plan"):
+        changed(gallery.cracked_plate(16, 4), accuracy=0.1)
+
+
 def block(**change):
     given = {
-        "supports": [jaxpd.moves(jaxpd.below(x=0.0), x=0.0)],
+        "supports": [jaxpd.moves(jaxpd.below(x=0.0), x=0.0), *PINS],
         "loads": [jaxpd.traction(jaxpd.above(x=1.0), x=1e-3)],
     }
     return jaxpd.Scene(
@@ -178,7 +242,9 @@ def test_a_plane_scene_in_3d_is_told():
     held = [jaxpd.holds(jaxpd.below(x=0.0))]  # keeps the face from contracting
     assert superfluous(block(supports=held)) == set()
     everywhere = jaxpd.moves(jaxpd.box((-1, -1, -1), (2, 2, 2)), z=0.0)
-    strain = block(supports=[jaxpd.moves(jaxpd.below(x=0.0), x=0.0), everywhere])
+    roller = jaxpd.moves(jaxpd.below(x=0.0), x=0.0)
+    pin = jaxpd.moves(jaxpd.ball((0.0, 0.0, 0.0), 1e-3), y=0.0)
+    strain = block(supports=[roller, everywhere, pin])
     assert any("plane strain" in w for w in jaxpd.plan(strain).warnings)
     half = [jaxpd.traction(jaxpd.above(y=1.0), x=1e-3)]
     assert superfluous(block(loads=half)) == {"z"}
@@ -195,9 +261,17 @@ def test_a_plate_that_is_a_bar_is_told_and_is_one():
         "resolution": jaxpd.RKPM(dx=0.25),
     }
     plate = dataclasses.replace(STRIP, **ends)
-    assert superfluous(plate) == {"y"}
     hold = jaxpd.moves(jaxpd.ball((0.0, 0.0), 1e-6), y=0.0)
     held = dataclasses.replace(plate, supports=[*plate.supports, hold])
+    assert superfluous(held) == {"y"}
+    clamped = dataclasses.replace(STRIP, loads=ends["loads"])
+    assert superfluous(clamped) == set()
+    long = dataclasses.replace(
+        clamped,
+        body=jaxpd.box((0.0, 0.0), (50.0, 1.0)),
+        loads=[jaxpd.traction(jaxpd.above(x=50.0), x=1e-3)],
+    )
+    assert any("50 times as long as wide" in w for w in jaxpd.plan(long).warnings)
     u = np.asarray(jaxpd.solve_static(held).checked().u)
     X = np.asarray(jaxpd.prepare(held).X)
     np.testing.assert_allclose(u[:, 0], 1e-3 * X[:, 0], atol=1e-12)  # of a bar

@@ -238,6 +238,32 @@ def test_mistakes_on_the_command_line_are_answered(words, told, capsys):
     assert told in capsys.readouterr().err
 
 
+def test_checkpoints_are_gone_once_a_run_is_done_and_no_refusal_leaves_any(
+    tmp_path, capsys
+):
+    text = WAVE.replace("keep = true", "").replace("20.0", "0.02")
+    path = write(tmp_path, text.replace("400", "4"))
+    for _ in range(2):  # nothing is left that a second run would stumble over
+        assert main([str(path), "--out", str(tmp_path)]) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.png", "scene.toml"]
+    path = write(tmp_path, WAVE.replace("dx = 0.02", "dx = 0.03"))
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path)])
+    assert not list(tmp_path.glob("*.checkpoints"))
+    capsys.readouterr()
+
+
+def test_frames_for_paraview_are_of_any_job_that_has_them(tmp_path, capsys):
+    path = write(tmp_path, PLATE + "[output]\nvtu = true\npicture = false\n")
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "scene" / "series.pvd").exists()
+    text = WAVE.replace("keep = true", "vtu = true").replace("frames = 4", "")
+    path = write(tmp_path, text)
+    with pytest.raises(SystemExit):
+        main([str(path), "--out", str(tmp_path)])
+    assert "vtu: needs frames" in capsys.readouterr().err
+
+
 def test_what_a_driver_refuses_is_told_with_its_place(tmp_path, capsys):
     path = write(tmp_path, PLATE + "[job.static]\nrtol = 2.0\n")
     with pytest.raises(SystemExit):
@@ -282,6 +308,8 @@ resolution = { Bonds = { dx = 0.02, m = 3, nodes = "cell" } }
 duration = 20.0
 records = 400
 frames = 4
+[output]
+keep = true
 """  # noqa: E501
 
 
@@ -299,7 +327,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bits(tmp_path):
     whole = run("whole")
     assert whole.returncode == 0, whole.stderr
     process = subprocess.Popen([*call, str(tmp_path / "part")])
-    kept = tmp_path / "part" / "checkpoints"
+    kept = tmp_path / "part" / "scene.checkpoints"
     while not (kept.is_dir() and any(kept.iterdir())):
         time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
@@ -308,7 +336,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bits(tmp_path):
     assert again.returncode == 2
     assert "say --resume to go on" in again.stderr
     assert run("part", "--resume").returncode == 0
-    for file in sorted((tmp_path / "whole" / "checkpoints").iterdir()):
+    for file in sorted((tmp_path / "whole" / "scene.checkpoints").iterdir()):
         other = kept / file.name
         if file.suffix != ".npz":
             continue

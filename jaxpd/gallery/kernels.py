@@ -130,6 +130,7 @@ def plate_under_tension(
         seed: of the moves.
         resolution: the recommended one by default.
     """
+    number("grading", grading, above=0, cure="2 is the default")
 
     def place(s):
         angle = 0.5 * math.pi * s[1]

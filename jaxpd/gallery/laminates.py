@@ -38,6 +38,8 @@ def struck_laminate(
     positive(dx=dx, m=m)
     number("pressure", pressure, cure="in Pa")
     whole("plies", plies, 2)
+    if peel is not None:
+        number("peel", peel, above=0, cure="in J/m^2, or None")
     length, H, h, patch = 0.1, 5e-3, 0.76e-3, 10e-3
     floors = [i * (H + h) for i in range(plies)]
     boxes = [box((0.0, y), (length, y + H)) for y in floors]

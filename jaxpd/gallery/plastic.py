@@ -10,6 +10,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from jaxpd.checks import number, whole
 from jaxpd.conditions import moves, pressure, traction
 from jaxpd.geometry import Cloud, above, ball, below, box, mapped
 from jaxpd.physics import von_mises
@@ -69,6 +70,8 @@ def plastic_bar(
         law: of the bar, paper 001's by default.
         resolution: the recommended one by default; `PAPER` is the paper's.
     """
+    n = whole("n", n, 2)
+    number("strain", strain)
     E, sigma_y, h_iso, h_kin = YOON
     law = von_mises(E, None, sigma_y, h_iso, h_kin, state="bar") if law is None else law
     moved, loads = _end(1.0, strain, time, pulled)
@@ -107,6 +110,7 @@ def plastic_beam(
         nu: Poisson's ratio; 0 in the paper.
         resolution: the recommended one by default; `PAPER` is the paper's.
     """
+    number("strain", strain)
     E, sigma_y, h_iso, h_kin = YOON
     law = von_mises(E, nu, sigma_y, h_iso, h_kin, state="plane stress")
     moved, loads = _end(2.0, strain, time, pulled)
@@ -204,6 +208,8 @@ def plate_with_hole(
         law: perfect plasticity with E, nu, sigma_y of `RING` by default.
         resolution: the recommended one by default.
     """
+    number("stretch", stretch, cure="in m")
+    number("grading", grading)
     _, _, E, nu, sigma_y = RING
     law = von_mises(E, nu, sigma_y, state="plane stress") if law is None else law
 
@@ -249,6 +255,7 @@ def cook_panel(
             strain by default.
         resolution: the recommended one by default.
     """
+    number("shear", shear)
     if law is None:
         law = von_mises(70.0, 1 / 3, 0.243, 0.135, 0.015, state="plane strain")
     corners = jnp.array(COOK)

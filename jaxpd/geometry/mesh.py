@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxpd.checks import instance
 from jaxpd.geometry.cloud import Cloud, from_points
 from jaxpd.geometry.outline import outlined
 
@@ -58,6 +59,7 @@ def from_mesh(file: str | Path, points: str = "cells") -> Cloud:
     """
     if points not in ("cells", "nodes"):
         raise ValueError(f"points: {points!r} must be 'cells' or 'nodes'")
+    file = instance("file", file, str | Path, "the path of a mesh")
     X, blocks = _read(Path(file))
     d = max(CELLS[kind][0] for kind, _ in blocks)
     blocks = [(kind, cells) for kind, cells in blocks if CELLS[kind][0] == d]
@@ -87,7 +89,7 @@ def read_points(file: str | Path) -> Cloud:
     Raises:
         ValueError: if it cannot be read or its numbers make no cloud.
     """
-    path = Path(file)
+    path = Path(instance("file", file, str | Path, "the path of a table"))
     try:
         if path.suffix == ".npy":
             rows = np.load(path)

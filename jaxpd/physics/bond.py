@@ -33,6 +33,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxpd._types import PointScalar, Scalar, Tensor, Vector
+from jaxpd.checks import number, numbers, word
+from jaxpd.physics import elastic
 from jaxpd.physics.elastic import dilation_energy
 from jaxpd.physics.influence import Fractional, Influence, moment
 
@@ -143,7 +145,26 @@ def micromodulus(
 def pmb(
     E: Scalar | PointScalar, nu: float | None, state: str, d: int, delta: Scalar
 ) -> Microelastic:
-    """The prototype microelastic material f = c s M with its calibrated constant."""
+    """The prototype microelastic material f = c s M with its calibrated constant.
+
+    Args:
+        E: Young's modulus [] or [n] (Pa).
+        nu: Poisson's ratio (-) that bonds have in the state, None for a bar.
+        state: one of `jaxpd.physics.elastic.DIMENSIONS`.
+        d: space dimensions.
+        delta: horizon (m).
+
+    Raises:
+        ValueError: naming the argument, its value and the cure.
+    """
+    numbers("E", E, above=0, cure="in Pa")
+    word("state", state, elastic.DIMENSIONS)
+    if d is True or d != elastic.DIMENSIONS[state]:
+        raise ValueError(f"d: {d!r}; {state!r} is {elastic.DIMENSIONS[state]}-D")
+    number("delta", delta, above=0, cure="in m")
+    if nu is not None:
+        number("nu", nu)
+    elastic.check_bond_based(nu, state)
     omega = Fractional(jnp.asarray(1.0 - d), d)
     return Microelastic(micromodulus(E, nu, state, d, delta, omega), omega)
 

@@ -67,7 +67,7 @@ def plan(
         ValueError: naming the argument, its value and the cure; if no resolution meets
             what is wanted, with the best that does not.
     """
-    instance("scene", scene, Scene, "a Scene(..)")
+    instance("scene", scene, Scene, "a Scene(..); of a file load_scene(..).scene")
     _check(job, accuracy, seconds, duration, fixed)
     asked: dict[str, Any] = {
         "job": job,
@@ -108,7 +108,11 @@ def changed(found: Plan, **fields: Any) -> Plan:
         found: the plan.
         **fields: any argument of `plan` but the scene; None gives a field back to the
             planner.
+
+    Raises:
+        ValueError: as `plan`; if what is given is no plan.
     """
+    instance("found", found, Plan, "a Plan, as plan(scene) makes it")
     asked = found.asked | fields
     scene = asked.pop("scene")
     kept = {name: value for name, value in asked.items() if value is not None}

@@ -6,6 +6,7 @@ reason in words. The words are also README's table of which method when.
 
 from __future__ import annotations
 
+import inspect
 import math
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from jaxpd.checks import word
 from jaxpd.discretize.directional import DIRECTIONAL
+from jaxpd.explicit import run_explicit
 from jaxpd.laminate import Laminate
 from jaxpd.planner import cost as costs
 from jaxpd.planner.cost import Cost
@@ -25,6 +27,8 @@ from jaxpd.solvers.linear import methods
 
 #: Events over bonds: mirror images go together, and some bonds stay whole.
 TIED = 0.6
+#: Records of a run that names none: steps are a multiple of them.
+RECORDS = inspect.signature(run_explicit).parameters["records"].default
 Choices = dict[str, tuple[Any, str]]
 
 
@@ -163,7 +167,8 @@ def _motion(
     dt = kept.get("dt") or (None if stable is None else 0.8 * stable)
     count, known = 1000, False
     if duration is not None and dt is not None:
-        count, known = max(1, math.ceil(duration / dt)), True
+        each = math.ceil(duration / RECORDS / dt * (1.0 - 1e-12))
+        count, known = RECORDS * max(1, each), True
     cost = costs.in_motion(look, operator, dtype, count)
     if broken:
         memory = "one bit a bond" if operator == "halves" else "one number a bond"

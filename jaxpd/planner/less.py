@@ -6,16 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from jaxpd.geometry import Box, Crack, HalfSpace, Region, Union
+from jaxpd.conditions import Support
+from jaxpd.geometry import Ball, Box, Crack, HalfSpace, Region, Union
 from jaxpd.laminate import Laminate
 from jaxpd.planner.look import Look, breaks, follows
 from jaxpd.resolution import Bonds
 from jaxpd.scene import Scene
 
+#: Length over width from which held ends are small beside the rest.
+SLENDER = 20.0
+
 
 def warnings_of(scene: Scene, look: Look, job: str) -> list[str]:
     """What could be left out of a scene, and what it is likely to have wrong."""
-    found = [_superfluous(scene, axis) for axis in range(scene.d)]
+    found = [_superfluous(scene, look, axis) for axis in range(scene.d)]
     found += [_thin(scene, look), _strength(scene, job), _layers(scene, look)]
     if job == "static" and follows(scene):
         found.append("histories of loads and supports count in motion and paths alone")
@@ -39,11 +43,12 @@ def warnings_of(scene: Scene, look: Look, job: str) -> list[str]:
     return [one for one in found if one]
 
 
-def _superfluous(scene: Scene, axis: int) -> str:
+def _superfluous(scene: Scene, look: Look, axis: int) -> str:
     """The warning that nothing depends on an axis, or an empty one."""
     if scene.d == 1 or not isinstance(scene.body, Box):
         return ""
-    conditions = (*scene.supports, *scene.loads)
+    supports = [s for s in scene.supports if not _pins(s, look.dx)]
+    conditions = (*supports, *scene.loads)
     if not conditions or scene.starts:
         return ""
     if any(_varies(c.region, scene.body, axis) for c in conditions):
@@ -52,15 +57,35 @@ def _superfluous(scene: Scene, axis: int) -> str:
         return ""
     if any(_cuts(crack, scene.body, axis) for crack in scene.cracks):
         return ""
-    held = [s for s in scene.supports if s.components[axis] is not None]
-    if not all(_covers(s.region, scene.body) for s in held):
-        return ""  # an edge that is held keeps its neighbourhood from contracting
+    held = [s for s in supports if s.components[axis] is not None]
     name = "xyz"[axis]
+    if not all(_covers(s.region, scene.body) for s in held):
+        # an edge that is held keeps its neighbourhood from contracting
+        lengths = np.subtract(scene.body.hi, scene.body.lo)
+        slender = lengths[axis] * SLENDER <= np.delete(lengths, axis).min()
+        if scene.d == 2 and slender:
+            return (
+                f"but for its held ends nothing depends on {name}, and the body is "
+                f"{lengths.max() / lengths[axis]:.0f} times as long as wide: a bar in "
+                "1-D will do"
+            )
+        return ""
     if scene.d == 3:
         plane = "plane strain" if held else "plane stress, if the body is thin there"
         return f"nothing depends on {name}: a plane model will do ({plane})"
     one = "a bar confined across" if held else "a bar"
     return f"nothing depends on {name}: {one} in 1-D will do"
+
+
+def _pins(support: Support, dx: float) -> bool:
+    """Whether a support holds a point or two, which stops the body from floating."""
+    region = support.region
+    still = all(value in (None, 0.0) for value in support.components)
+    if isinstance(region, Ball):
+        return still and region.radius <= dx
+    if isinstance(region, Box):
+        return still and all(np.subtract(region.hi, region.lo) <= 2.0 * dx)
+    return False
 
 
 def _varies(region: Region, body: Box, axis: int) -> bool:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
+import inspect
 import textwrap
 from dataclasses import dataclass, field
 from typing import Any
 
 from jaxpd.explicit import run_explicit
 from jaxpd.fracture import solve_fracture
+from jaxpd.launch import prepare_motion
 from jaxpd.path import solve_path
 from jaxpd.planner.cost import Cost
+from jaxpd.prepare import prepare
 from jaxpd.run import solve_static
 from jaxpd.scene import Scene
 
@@ -21,6 +25,17 @@ DRIVERS = {
     "path": (solve_path, "times"),
     "fracture": (solve_fracture, None),
 }
+
+
+def options_of(job: str) -> list[str]:
+    """Names of the options of a job's driver, those that it hands on included."""
+    driver, _ = DRIVERS[job]
+    known = list(inspect.signature(driver).parameters)[1:]
+    if "options" in known:
+        handed = prepare_motion if job == "motion" else prepare
+        known.remove("options")
+        known += list(inspect.signature(handed).parameters)[1:]
+    return known
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +76,18 @@ class Plan:
 
         Raises:
             ValueError: if the driver needs what is not there: a duration of a motion,
-                times of a path.
+                times of a path; on an option that it does not have.
         """
         driver: Any
         driver, needed = DRIVERS[self.job]
+        known = options_of(self.job)
+        for name in more:
+            if name not in known:
+                near = difflib.get_close_matches(name, known, 1, 0.5)
+                meant = f"did you mean {near[0]!r}? " if near else ""
+                raise ValueError(
+                    f"{name}: is no option of a {self.job}; {meant}they are {known}"
+                )
         options = self.options | more
         if needed is None:
             return driver(self.scene, **options)

@@ -43,7 +43,7 @@ def planned(
     choice: dict[str, Any] = {
         "theory": _theory(scene.resolution),
         "resolution": scene.resolution,
-        "kinematics": scene.kinematics,
+        "kinematics": _kinematics(scene, job),
     }
     check_able(scene)
     options, cost, more = decide(scene, job, seen, duration, steps, fixed)
@@ -74,6 +74,13 @@ def _theory(resolution: Any) -> str:
     if isinstance(one, RKPM):
         return "kernels, weak form"
     return "MLS difference, strong form" if isinstance(one, MLS) else "bonds"
+
+
+def _kinematics(scene: Scene, job: str) -> str:
+    """What displacements are, whatever the scene says."""
+    if job == "motion":
+        return "finite"
+    return "small" if job == "fracture" else scene.kinematics
 
 
 def _why_kinematics(scene: Scene, job: str) -> str:

@@ -153,8 +153,8 @@ def _check_nodes(scene: Scene, job: str) -> None:
             "resolution: RKPM integrates over cells in 1-D, and in 2-D with an outline;"
             " use MLS(..)"
         )
-    law_of(scene)
     X = np.asarray(cloud.X)
+    law_of(scene, len(X))
     rim = X[np.asarray(cloud.rim.node)]
     fixed, _, _ = supports_on(scene, X)
     check_free(X, np.zeros(len(X), int), fixed)

@@ -44,18 +44,22 @@ def _theories(scene: Scene, job: str) -> tuple[list[str], str]:
     if job in ("motion", "fracture"):
         why = "motion" if job == "motion" else "cracks that grow"
         return ["bonds"], f"{why}: bonds break and have mass, nodes do not"
-    if scene.cracks or scene.no_fail or scene.starts:
+    if scene.cracks or scene.no_fail or scene.starts or scene.weak:
         return ["bonds"], "a crack is bonds that are absent"
     if remembers(scene.material):
         found = ["MLS", "RKPM"] if _weak(scene) else ["MLS"]
         return found, "a law of strain with a memory belongs to nodes"
     if not elastic(scene.material):
         return ["bonds"], "the law is one of a bond"
+    if any(load.kind == "resultant" for load in scene.loads):
+        return ["bonds"], "pull() spreads a force over the volumes of bonded points"
     nodes = ["RKPM", "MLS"] if _weak(scene) else ["MLS"]
     if scene.kinematics == "finite":
         return ["bonds"], "finite displacements: nodes are for small ones"
     if isinstance(scene.body, Cloud) and scene.body.rim is None:
         return ["bonds"], "a cloud without an outline"
+    if any(load.kind == "pressure" for load in scene.loads):
+        return nodes, "a pressure needs normals, which a rim of nodes has"
     if _bonded(scene.material):
         return [*nodes, "bonds"], "smooth and elastic: all three theories apply"
     return nodes, "Poisson's ratio is not that of a bond-based law"

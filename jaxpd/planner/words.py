@@ -18,7 +18,7 @@ WHY = {
     "d-pcg": "compiles least, and the system is small or well conditioned",
     "spectral": "few iterations by sines and cosines, little to compile",
     "multigrid": "few iterations whatever the size; its compilation pays here",
-    "amg": "few iterations on points that are no lattice",
+    "amg": "few iterations where points are no lattice, or bonds not alike",
     "direct": "small enough for sparse factors, which compile nothing",
 }
 #: What a scene has, the theory that it asks for, and how that is run.

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from jaxpd.checks import instance
 from jaxpd.scene import Scene
-from jaxpd.scene_file.words import GROUPS, JOBS, OUTPUT, PLAN, SCENE, WORDS, Word
+from jaxpd.scene_file.words import GROUPS, JOBS, OUTPUT, PLAN, SAME, SCENE, WORDS, Word
 
 #: What only Python can say, by the key under which one would look for it.
 PYTHON = {
@@ -55,7 +56,7 @@ def load_scene(path: str | Path) -> SceneFile:
     Raises:
         ValueError: naming the file, the place in it, the value and the cure.
     """
-    path = Path(path)
+    path = Path(instance("path", path, str | Path, "the path of a file"))
     try:
         with open(path, "rb") as file:
             data = tomllib.load(file)
@@ -116,8 +117,9 @@ class _Reader:
                 raise self.error(place, f"{key}: only Python can say {only}")
             near = difflib.get_close_matches(key, sorted(known), 1, 0.5)
             folded = [k for k in known if k.lower() == key.lower()]
-            meant = (folded or near)[:1]
-            hint = f"did you mean {meant[0]!r}?" if meant else "leave it out;"
+            alike = [k for names in SAME if key in names for k in names if k in known]
+            meant = (folded or alike or near)[:1]
+            hint = f"did you mean {meant[0]!r}?" if meant else "leave it out:"
             raise self.error(
                 place, f"{key}: is no key here; {hint} keys are {sorted(known)}"
             )

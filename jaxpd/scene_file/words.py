@@ -234,6 +234,21 @@ JOBS = {
         },
     ),
 }
+#: Other names of the same thing, as hints where a key is not known.
+SAME = (
+    ("face", "region"),
+    ("E", "youngs_modulus", "young", "modulus"),
+    ("nu", "poissons_ratio", "poisson"),
+    ("rho", "density"),
+    ("G0", "Gc", "fracture_energy", "toughness"),
+    ("dx", "h", "spacing"),
+    ("delta", "horizon"),
+    ("duration", "time", "end_time", "t_end"),
+    ("box", "rectangle_body", "domain"),
+    ("cracks", "notches", "crack"),
+    ("supports", "boundary_conditions", "bcs"),
+    ("p", "pressure"),
+)
 #: What is planned, and how results are kept.
 PLAN = {"accuracy": "number", "seconds": "number"}
-OUTPUT = {"folder": "path", "picture": "flag", "vtu": "flag"}
+OUTPUT = {"folder": "path", "picture": "flag", "vtu": "flag", "keep": "flag"}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpd.checks import instance, word
 from jaxpd.conditions import Load, Start, Support
 from jaxpd.geometry import Ball, Box, Cloud, Crack, HalfSpace, Region, Union
 from jaxpd.laminate import Interlayer, Laminate
@@ -18,6 +19,7 @@ from jaxpd.physics.plasticity import VonMises
 from jaxpd.planner.look import chosen
 from jaxpd.resolution import Kernel
 from jaxpd.scene import Elastic, Scene
+from jaxpd.scene_file.words import JOBS
 from jaxpd.schedule import ALWAYS, STEADY, Table
 
 KINDS = {"density": "body_force", "resultant": "pull", "traction": "traction"}
@@ -42,9 +44,14 @@ def save_scene(
 
     Raises:
         ValueError: naming what only Python can say: functions, laws of one's own,
-            bodies with an outline, numbers of their own a point.
+            bodies with an outline, numbers of their own a point; a path that cannot be
+            written.
     """
-    path = Path(path)
+    instance("scene", scene, Scene, "a Scene(..)")
+    word("job", job, ("auto", *JOBS))
+    path = Path(instance("path", path, str | Path, "the path of a file"))
+    if not path.parent.is_dir():
+        raise ValueError(f"path: there is no folder {path.parent}; make it first")
     data: dict[str, Any] = {
         "kinematics": scene.kinematics,
         "body": _body(scene.body, path),
@@ -66,7 +73,10 @@ def save_scene(
     if job != "auto":
         told = {k: _option(k, v) for k, v in (options or {}).items() if v is not None}
         data["job"] = {job: told}
-    path.write_text(_toml(data))
+    try:
+        path.write_text(_toml(data))
+    except OSError as error:
+        raise ValueError(f"path: {path} cannot be written ({error})") from error
     return path
 
 
