@@ -53,6 +53,7 @@ SMALL = pairs(*(("fft", s) for s in FFT), ("stencil", "d-pcg"), ("gather", "d-pc
 FINITE = pairs(*(("stencil", s) for s in FFT), ("gather", "d-pcg"))
 CLOUD = pairs(("gather", "d-pcg"), ("gather", "amg"), ("gather", "direct"))
 WEAK = solvers("direct", "amg", "d-pcg")
+STACK = solvers("d-pcg", "amg", "direct")
 BREAK = solvers("direct", "d-pcg", "multigrid")
 LOAD_STEPS = [
     {"solver": s, "tangent": t} for s in ("direct", "gmres") for t in ("ad", "hand")
@@ -95,6 +96,57 @@ def block(n: int) -> Any:
         kinematics="small",
         resolution=jaxpd.Bonds(dx=1 / n, m=3),
     )
+
+
+def stack(plies: int, d: int, kinematics: str) -> Any:
+    """Plies with interlayers, held on the left and bent."""
+    boxes = [
+        jaxpd.box(
+            (0.0, *[0.0] * (d - 2), 0.12 * i), (1.0, *[0.2] * (d - 2), 0.12 * i + 0.1)
+        )
+        for i in range(plies)
+    ]
+    state, nu, name = (("plane stress", 1 / 3, "y"), ("solid", 0.25, "z"))[d - 2]
+    return jaxpd.Scene(
+        body=jaxpd.laminate(boxes, jaxpd.interlayer(0.1)),
+        material=jaxpd.Elastic(1.0, nu, state),
+        supports=[jaxpd.holds(jaxpd.below(x=0.06))],
+        loads=[jaxpd.pull(jaxpd.above(x=0.94), **{name: 1e-5})],
+        kinematics=kinematics,
+        resolution=jaxpd.Bonds(dx=0.02, m=3, nodes="cell"),
+    )
+
+
+def bent(state: str, sides: tuple[float, ...], **more: Any) -> Any:
+    """A body clamped on the left and bent by a traction on the right; no resolution."""
+    across = "xyz"[len(sides) - 1]
+    material = more.pop("material", None)
+    nu = 0.25 if state == "solid" else 1 / 3
+    return jaxpd.Scene(
+        body=jaxpd.box((0.0,) * len(sides), sides),
+        material=material or jaxpd.Elastic(1.0, nu, state),
+        supports=[jaxpd.holds(jaxpd.below(x=0.0))],
+        loads=[jaxpd.traction(jaxpd.above(x=sides[0]), **{across: 1e-4}, **more)],
+        kinematics="small",
+    )
+
+
+def pane() -> Any:
+    """A notched pane of glass, pulled suddenly; no resolution."""
+    return jaxpd.Scene(
+        body=jaxpd.box((0.0, -0.03), (0.08, 0.03)),
+        material=jaxpd.Elastic(72e9, 1 / 3, "plane stress", rho=2440.0, G0=3.8),
+        cracks=[jaxpd.segment((0.0, 0.0), (0.04, 0.0))],
+        loads=[
+            jaxpd.traction(jaxpd.above(y=0.03), y=1e6),
+            jaxpd.traction(jaxpd.below(y=-0.03), y=-1e6),
+        ],
+    )
+
+
+def chosen(scene: Any, **asked: Any) -> Callable[[], Any]:
+    """A scene with the resolution that the planner takes."""
+    return lambda: jaxpd.plan(scene, **asked).scene
 
 
 g = gallery
@@ -144,6 +196,8 @@ FITTED = {
     "pressed ring, kernels": Case(
         lambda: g.pressed_ring(resolution=RKPM()), LOAD_STEPS[:2], "path", times(6)
     ),
+    "three plies": Case(lambda: stack(3, 2, "small"), STACK),
+    "two plies, finite": Case(lambda: stack(2, 2, "finite"), STACK),
     "double cantilever": Case(
         g.double_cantilever, solvers("direct"), "fracture", {}, False
     ),
@@ -205,6 +259,31 @@ HELD_BACK = {
     "struck laminate": held(
         g.struck_laminate, SOME, "motion", {"duration": 5e-6, "records": 5},
         "struck_laminate",
+    ),
+    "four plies, finite": held(
+        lambda: stack(4, 2, "finite"), STACK, "static", {}
+    ),
+    "two plies in 3-D": held(lambda: stack(2, 3, "small"), STACK, "static", {}),
+    "beam, 0.3 %, chosen": held(
+        chosen(bent("plane stress", (3.0, 1.0)), accuracy=0.003), WEAK, "static", {}
+    ),
+    "block, 10 %, chosen": held(
+        chosen(bent("solid", (2.0, 1.0, 1.0)), accuracy=0.1),
+        solvers("direct", "gmres"), "static", {},
+    ),
+    "pane, 15 %, chosen": held(
+        chosen(pane(), accuracy=0.15, duration=15e-6), MOTION[:4], "motion",
+        {"duration": 15e-6, "records": 10},
+    ),
+    "plastic beam, 5 %, chosen": held(
+        chosen(
+            bent(
+                "plane strain", (3.0, 1.0), time=jaxpd.ramp(1.0),
+                material=jaxpd.von_mises(1.0, 0.3, 1e-3, 0.1, state="plane strain"),
+            ),
+            accuracy=0.05, times=times(4)["times"],
+        ),
+        LOAD_STEPS[:2], "path", times(4),
     ),
     "plastic bar": held(g.plastic_bar, LOAD_STEPS, "path", times(8), "plastic_bar"),
     "pressed ring": held(g.pressed_ring, LOAD_STEPS, "path", times(6), "pressed_ring"),

@@ -50,6 +50,8 @@ COMPILE = {
     ("weak", "small"): 4.5,
     ("strong", "small"): 3.0,
 }
+#: Further seconds of each further ply, with its interlayer.
+PLIES = {"small": 1.15, "finite": 2.6}
 #: Further seconds of a solver's own programs.
 SOLVER = {
     "direct": 0.0,
@@ -111,6 +113,7 @@ def at_rest(look: Look, operator: str, kinematics: str, solver: str) -> Cost:
         solver: of the linear systems.
     """
     compiling = COMPILE.get((operator, kinematics), 2.0) + SOLVER[solver]
+    compiling += PLIES[kinematics] * (look.plies - 1)
     solves = 2 if kinematics == "finite" else 1
     count = iterations(look, solver, operator == "weak")
     each = product(look, operator)

@@ -21,6 +21,7 @@ def warnings_of(scene: Scene, look: Look, job: str) -> list[str]:
     """What could be left out of a scene, and what it is likely to have wrong."""
     found = [_superfluous(scene, look, axis) for axis in range(scene.d)]
     found += [_thin(scene, look), _strength(scene, job), _layers(scene, look)]
+    found += [_turning(scene)] if job == "fracture" else []
     if job == "static" and follows(scene):
         found.append("histories of loads and supports count in motion and paths alone")
     resolution = scene.resolution
@@ -142,6 +143,26 @@ def _strength(scene: Scene, job: str) -> str:
             "a strength is given, and bonds of a static solve do not break: "
             "job='fracture' lets them, duration=.. does in motion"
         )
+    return ""
+
+
+def _turning(scene: Scene) -> str:
+    """The warning that a crack is sheared, leaves its plane, and how long is open."""
+    if scene.weak:
+        return ""
+    for crack in scene.cracks:
+        edges = np.asarray(crack.edges)
+        along = edges / np.linalg.norm(edges, axis=1, keepdims=True)
+        for support in scene.supports:
+            if _callable(support.components):
+                continue
+            move = np.array([c or 0.0 for c in support.components[: scene.d]])
+            share = np.linalg.norm(along @ move)
+            if share > 0.7 * np.linalg.norm(move) > 0.0:
+                return (
+                    "supports move along a crack: it leaves its plane and what is left "
+                    "may be crushed; states, and with them the time, are a lower bound"
+                )
     return ""
 
 

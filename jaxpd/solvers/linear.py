@@ -102,10 +102,12 @@ class LinearSolver:
         if self.method in GENERAL:
             blocks = constraints.diagonal(tangent.diagonal())
             turned = transpose and not tangent.symmetric
-            back = jax.linear_transpose(tangent.mv, b)
+            # JAX transposes a scan that was linearised, and no other
+            _, product = jax.linearize(tangent.mv, jax.numpy.zeros_like(b))
+            back = jax.linear_transpose(product, b)
 
             def forth(v):
-                return constraints.project(back(v)[0] if turned else tangent.mv(v))
+                return constraints.project(back(v)[0] if turned else product(v))
 
             near = block_jacobi(blocks.swapaxes(1, 2) if turned else blocks)
             return general(self.method, forth, b, precondition=near, **limits)

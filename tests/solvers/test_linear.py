@@ -2,11 +2,14 @@
 
 import types
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
+import jaxpd
 from jaxpd import gallery
 from jaxpd.prepare import prepare
 from jaxpd.problem import first_system
@@ -86,3 +89,30 @@ def test_an_ordering_that_fails_is_followed_by_the_default_one(monkeypatch, rng)
     x = direct.solve_free(K, np.zeros((4, 2), bool), b, symmetric=False)
     assert asked == ["MMD_AT_PLUS_A", None]
     np.testing.assert_allclose(K @ x.ravel(), b.ravel(), atol=1e-12)
+
+
+@pytest.mark.parametrize("operator", ["gather", "stencil"])
+@pytest.mark.parametrize("method", ["gmres", "bicgstab"])
+def test_general_solvers_take_the_operators_of_bonds_and_have_gradients(
+    method, operator
+):
+    scene = jaxpd.Scene(
+        body=jaxpd.box((0.0, 0.0), (2.0, 1.0)),
+        material=jaxpd.Elastic(1.0, 1 / 3, "plane stress"),
+        supports=[jaxpd.holds(jaxpd.below(x=0.0))],
+        loads=[jaxpd.traction(jaxpd.above(x=2.0), y=1e-3)],
+        resolution=jaxpd.Bonds(dx=0.25, m=2),
+        kinematics="small",
+    )
+
+    def compliance(solver):
+        problem = jaxpd.prepare(scene, operator=operator, solver=solver, rtol=1e-9)
+
+        def of(E):
+            params = problem.params | {"E": E}
+            return jnp.sum(params["load"] * problem.solve(params)[0])
+
+        return jax.value_and_grad(of)(jnp.asarray(1.3))
+
+    for ours, known in zip(compliance(method), compliance("direct"), strict=True):
+        np.testing.assert_allclose(ours, known, rtol=1e-6)
