@@ -269,7 +269,7 @@ HELD_BACK = {
     ),
     "block, 10 %, chosen": held(
         chosen(bent("solid", (2.0, 1.0, 1.0)), accuracy=0.1),
-        solvers("direct", "gmres"), "static", {},
+        solvers("direct", "d-pcg", "amg"), "static", {},
     ),
     "pane, 15 %, chosen": held(
         chosen(pane(), accuracy=0.15, duration=15e-6), MOTION[:4], "motion",

@@ -49,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words in (["--gallery"], ["gallery"], ["examples"]):
         print(command.listed())
         return 0
-    if not words or words[0].startswith("-"):
+    scene = any(w.endswith(".toml") or w in ("--plan", "--resume") for w in words)
+    if not words or (words[0].startswith("-") and not scene):
         return main_job.main(words)
     return _scene(words)
 
@@ -70,8 +71,9 @@ def _scene(words: list[str]) -> int:
         out.mkdir(parents=True, exist_ok=True)
         if file.output.get("picture", True):
             plot.pyplot()
-        found, job = command.execute(file, out, args.resume)
+        found, job, doubts = command.execute(file, out, args.resume)
         told = command.report(found, job, file, out, started)
+        told |= {"warnings": doubts} if doubts else {}
         command.clear(file, out)
     except ValueError as error:
         parser.error(str(error) if file is None else command.placed(error, file))
@@ -86,7 +88,9 @@ def _scene(words: list[str]) -> int:
     if args.json:
         print(json.dumps(told, indent=1))
     else:
+        doubts = told.pop("warnings", [])
         print("\n".join(f"{name:<8} {value}" for name, value in told.items()))
+        print("".join(f"warning: {doubt}\n" for doubt in doubts), end="")
     return 0
 
 

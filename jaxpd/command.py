@@ -161,8 +161,8 @@ def planned(file: SceneFile) -> Plan:
     return plan(file.scene, file.job, **asked, **file.wish)
 
 
-def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str]:
-    """Run a scene file: the result, checked where it can be, and the job.
+def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str, list[str]]:
+    """Run a scene file: the result, checked where it can be; job; warnings of its plan.
 
     Args:
         file: what to run.
@@ -175,9 +175,10 @@ def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str]:
         NotConverged: if it failed, with status and history.
     """
     job, scene, options = file.job, file.scene, dict(file.options)
+    doubts: list[str] = []
     if not chosen(scene.resolution) or file.wish or job == "auto":
         made = planned(file)
-        job, scene = made.job, made.scene
+        job, scene, doubts = made.job, made.scene, list(made.warnings)
         options = made.options | options
     _check_vtu(file, job, options)
     keeps = "folder" in inspect.signature(DRIVERS[job]).parameters
@@ -195,11 +196,11 @@ def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str]:
         options["folder"] = folder
     needed = {"motion": "duration", "path": "times"}.get(job)
     if needed is None:
-        return DRIVERS[job](scene, **options).checked(), job
+        return DRIVERS[job](scene, **options).checked(), job, doubts
     first = options.pop(needed, None)
     if first is None:
         raise ValueError(f"{needed}: is missing; a {job} job needs it, in [job.{job}]")
-    return DRIVERS[job](scene, first, **options).checked(), job
+    return DRIVERS[job](scene, first, **options).checked(), job, doubts
 
 
 def _kept(file: SceneFile, out: Path) -> Path:

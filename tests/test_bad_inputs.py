@@ -7,11 +7,13 @@ before the first colon.
 
 import collections
 import re
+from pathlib import Path
 
 import pytest
 
 from tests import bad_doors, bad_inputs, bad_scenes
 
+README = Path(__file__).parent.parent / "README.md"
 CASES = bad_inputs.CASES + bad_scenes.CASES + bad_doors.CASES
 
 
@@ -43,5 +45,6 @@ def test_every_bad_input_is_answered_by_an_error_that_names_the_argument(door):
 def test_the_table_is_long_and_has_every_kind_of_door():
     doors = collections.Counter(door_of(label) for label, *_ in CASES)
     assert len(CASES) >= 1000
+    assert f"the cure: {len(CASES)}\nbad inputs" in README.read_text()
     assert len(doors) >= 40
     assert len({label for label, *_ in CASES}) == len(CASES)

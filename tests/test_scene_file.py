@@ -238,6 +238,20 @@ def test_mistakes_on_the_command_line_are_answered(words, told, capsys):
     assert told in capsys.readouterr().err
 
 
+def test_a_plan_is_printed_whatever_the_order_and_its_doubts_with_the_result(
+    tmp_path, capsys
+):
+    text = PLATE + "[output]\npicture = false\n[plan]\naccuracy = 1e-4\n"
+    path = str(write(tmp_path, text))
+    assert main(["--plan", path]) == 0
+    assert "warning: expected error" in capsys.readouterr().out
+    assert main([path, "--out", str(tmp_path)]) == 0
+    assert "warning: expected error" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["--gallery", "cracked_plate"])
+    assert "python -m jaxpd cracked_plate` runs one" in capsys.readouterr().err
+
+
 def test_checkpoints_are_gone_once_a_run_is_done_and_no_refusal_leaves_any(
     tmp_path, capsys
 ):
