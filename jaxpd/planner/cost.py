@@ -48,7 +48,7 @@ COMPILE = {
     ("stencil", "finite"): 1.9,
     ("gather", "finite"): 2.2,
     ("weak", "small"): 4.5,
-    ("strong", "small"): 3.0,
+    ("strong", "small"): 1.5,
 }
 #: Further seconds of each further ply, with its interlayer.
 PLIES = {"small": 1.15, "finite": 2.6}
@@ -144,6 +144,7 @@ def memory(look: Look, operator: str, solver: str) -> float:
     entries = look.bonds * look.d**2
     held = (
         BASE["nodes" if operator in ("weak", "strong") else "bonds"]
+        + 30e6 * (look.plies - 1)
         + 400.0 * look.unknowns
     )
     held += {"fft": 0.0, "stencil": 4.0, "gather": 40.0}.get(operator, 60.0) * (

@@ -12,13 +12,12 @@ few horizons are worse. Where nothing that was measured applies it is None.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from jaxpd.geometry import Box
+from jaxpd.geometry import Box, HalfSpace
 from jaxpd.laminate import Laminate
-from jaxpd.planner.look import Look, breaks, elastic
+from jaxpd.planner.look import THICK, Look, breaks, elastic, stiffening
 from jaxpd.resolution import MLS, RKPM, Bonds
 from jaxpd.scene import Scene
 
@@ -50,10 +49,17 @@ QUADRATURE = {3: 0.10, 4: 0.09, 6: 0.06, 8: 0.05}
 LATTICE = {3: 0.014, 4: 0.006, 6: 0.004, 8: 0.003}
 #: Energy that a brittle crack dissipates over G0, less 1 (fracture_static.py).
 TRAPPED = {3: 0.135, 4: 0.044, 5: 0.036, 6: 0.014}
-#: Error C (h / L)^p of nodes: kernels on boxes (a clamped beam) and elsewhere (the
-#: plate with a hole), differences (both; smooth fields are of second order).
+#: Error C (h / L)^p of nodes where fields are smooth: kernels on boxes and elsewhere
+#: (the plate with a hole), differences.
 NODAL = {"RKPM": (0.07, 2.0), "RKPM, curved": (0.2, 2.0), "SCNI": (1.0, 2.0)}
-STRONG = {1: (6.0, 3.0), 2: (0.7, 1.0), 3: (0.7, 1.0)}
+STRONG = {1: (6.0, 3.0), 2: (0.8, 1.0), 3: (0.8, 1.0)}
+#: Kernels beside a clamped face, at whose ends stresses are infinite: C (h / L)^1.5
+#: over the height of the face by the length that it holds, up to a most (expected.py).
+CORNER, CORNER_MOST = 0.15, 0.4
+#: Kernels lock mildly: their error grows with (lambda / mu)^(1/2) (expected.py).
+LOCKING = 1.6
+#: Differences with projected volumes.
+PROJECTED = 1.6
 
 
 def of_bonds(resolution: Bonds, look: Look, loaded: bool) -> tuple[float, str]:
@@ -81,19 +87,41 @@ def of_bonds(resolution: Bonds, look: Look, loaded: bool) -> tuple[float, str]:
     return min(1.0, rim + bulk), basis
 
 
-def of_nodes(resolution: RKPM | MLS, look: Look) -> tuple[float | None, str]:
-    """Expected error of nodes, and its basis."""
+def of_nodes(
+    resolution: RKPM | MLS, look: Look, held: float = 0.0, stiff: float = 0.0
+) -> tuple[float | None, str]:
+    """Expected error of nodes, and its basis.
+
+    Args:
+        resolution: of the nodes.
+        look: their sizes.
+        held: height of clamped faces over the length that they hold, 0 without any.
+        stiff: Lame's constants, lambda over mu; 0 of a thin body.
+    """
+    size = look.dx / look.least
     if isinstance(resolution, MLS):
         C, p = STRONG[look.d]
-        basis = "bar (work_precision.py)" if look.d == 1 else "clamped beam, hole"
+        C *= PROJECTED if stiff > THICK else 1.0
+        basis = "bar (work_precision.py)" if look.d == 1 else "rectangles (expected.py)"
     else:
         name = "RKPM" if look.regular or look.d == 1 else "RKPM, curved"
         name = {"QCNI": name, "SCNI": "SCNI"}.get(resolution.scheme, "")
         if not name:
             return None, f"{resolution.scheme} need not converge (paper_rkpm.py)"
         C, p = NODAL[name]
-        basis = "hole (work_precision.py)" if "curved" in name else "clamped beam"
-    return C * (look.dx / look.least) ** p, basis
+        basis = "hole (work_precision.py)" if "curved" in name else "rectangles"
+        basis += " (expected.py)" if basis == "rectangles" else ""
+        error = C * size**p
+        if look.d > 1 and held:
+            corner = min(CORNER * held, CORNER_MOST) * size**1.5
+            error, basis = max(error, corner), basis + ", ends of clamped faces"
+        if stiff > 1.0 / LOCKING**2:
+            error, basis = (
+                error * LOCKING * stiff**0.5,
+                basis + ", nearly of one volume",
+            )
+        return error, basis
+    return C * size**p, basis
 
 
 def of_waves(look: Look, length: float | None) -> tuple[float | None, str]:
@@ -124,13 +152,24 @@ def at(known: dict[int, float], m: float) -> float:
     return known[below] + share * (known[above] - known[below])
 
 
-def expected(resolution: Any, look: Look, loaded: bool) -> tuple[float | None, str]:
-    """Expected error of a body at rest, of bonds or nodes."""
-    if isinstance(resolution, list | tuple):
-        resolution = resolution[0]
-    if isinstance(resolution, Bonds):
-        return of_bonds(resolution, look, loaded)
-    return of_nodes(resolution, look)
+def clamped(scene: Scene) -> float:
+    """Height over length of a box at faces that hold all components; 0 without any.
+
+    1 where something else than a face is held so, or the body is no box.
+    """
+    found = 0.0
+    for support in scene.supports:
+        if None in support.components[: scene.d]:
+            continue
+        region = support.region
+        if not isinstance(scene.body, Box) or not isinstance(region, HalfSpace):
+            found = max(found, 1.0)
+            continue
+        sides = np.subtract(scene.body.hi, scene.body.lo)
+        if scene.d > 1:
+            across = np.delete(sides, region.axis).max()
+            found = max(found, float(across / sides[region.axis]))
+    return found
 
 
 def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
@@ -142,7 +181,9 @@ def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
     own = isinstance(first, Bonds) and not elastic(scene.material)
     if own and not isinstance(scene.body, Laminate):
         return None, "the law is the user's own: refine(scene) measures"
-    return expected(first, seen, bool(scene.loads))
+    if isinstance(first, Bonds):
+        return of_bonds(first, seen, bool(scene.loads))
+    return of_nodes(first, seen, clamped(scene), stiffening(scene))
 
 
 def _of_breaking(scene: Scene, job: str, seen: Look) -> tuple[float, str]:

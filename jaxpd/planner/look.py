@@ -17,12 +17,15 @@ from scipy.spatial import KDTree
 from jaxpd.body import cloud_of
 from jaxpd.geometry import Box, Cloud
 from jaxpd.laminate import Laminate
+from jaxpd.nodes import STIFF
 from jaxpd.physics import Hooke
 from jaxpd.plies import ply_scenes
 from jaxpd.resolution import NODES, RKPM, Bonds, Kernel
 from jaxpd.scene import Elastic, Scene, Solid
 from jaxpd.schedule import ALWAYS
 
+#: Lame's constants, lambda over mu, from which volumes are projected.
+THICK = 2.0 * STIFF / (1.0 - 2.0 * STIFF)
 #: Points of which nearest neighbours are looked at.
 SAMPLE = 4000
 
@@ -186,7 +189,9 @@ def _nodes(scene: Scene) -> Look:
         if weak
         else resolution.support or (4.1, 4.1, 3.1)[scene.d - 1]
     )
-    # stars of the strong form are convolved with themselves
+    # stars of the strong form are convolved with themselves, and once more by volumes
+    if not weak and projected(scene):
+        m *= 1.5
     k = (2 * m) ** scene.d * (1.0, math.pi / 4, math.pi / 6)[scene.d - 1]
     return Look(
         d=scene.d,
@@ -203,6 +208,22 @@ def _nodes(scene: Scene) -> Look:
     )
 
 
+def projected(scene: Scene) -> bool:
+    """Whether changes of volume are smoothed over stars of the strong form."""
+    asked: str = scene.resolution.volume
+    return asked == "projected" or (asked == "auto" and stiffening(scene) > THICK)
+
+
+def stiffening(scene: Scene) -> float:
+    """Lame's constants lambda over mu of a body that is thick; 0 if it is thin."""
+    law = law_inside(scene.material)
+    nu, state = getattr(law, "nu", None), getattr(law, "state", "")
+    if nu is None or state not in ("plane strain", "solid"):
+        return 0.0
+    most = min(float(np.max(np.asarray(nu))), 0.5 - 1e-9)
+    return 2.0 * most / (1.0 - 2.0 * most)
+
+
 def spread(X: np.ndarray) -> float:
     """Standard deviation over mean of the distances to the nearest neighbour (-)."""
     if len(X) < 3:
@@ -214,8 +235,7 @@ def spread(X: np.ndarray) -> float:
 
 def law_inside(material: Any) -> Any:
     """The law of a material; Hooke's of an `Elastic`."""
-    law = material.law if isinstance(material, Solid) else material
-    return law
+    return material.law if isinstance(material, Solid) else material
 
 
 def remembers(material: Any) -> bool:
