@@ -33,6 +33,9 @@ SURFACE = {
 }
 #: The same where displacements alone are prescribed (convergence.py).
 PRESCRIBED = 0.22
+#: A clamped face of bonds holds a layer: what it takes of the length, over the horizon,
+#: under forces on faces and all over (expected.py).
+CLAMP = {"": 0.45, "density": 0.8}
 #: Rows on the faces have whole volumes: bending stiffness is up by 3 dx / L.
 EDGE = 3.0
 #: Modulus in the middle of a strip, off the classical one, m = 4 (surfaces.py).
@@ -55,24 +58,27 @@ NODAL = {"RKPM": (0.07, 2.0), "RKPM, curved": (0.2, 2.0), "SCNI": (1.0, 2.0)}
 STRONG = {1: (6.0, 3.0), 2: (0.8, 1.0), 3: (0.8, 1.0)}
 #: Kernels beside a clamped face, at whose ends stresses are infinite: C (h / L)^1.5
 #: over the height of the face by the length that it holds, up to a most (expected.py).
-CORNER, CORNER_MOST = 0.15, 0.4
+CORNER, CORNER_MOST = 0.18, 0.48
 #: Kernels lock mildly: their error grows with (lambda / mu)^(1/2) (expected.py).
 LOCKING = 1.6
 #: Differences with projected volumes.
 PROJECTED = 1.6
 
 
-def of_bonds(resolution: Bonds, look: Look, loaded: bool) -> tuple[float, str]:
+def of_bonds(
+    resolution: Bonds, look: Look, loaded: bool, held: float = 0.0
+) -> tuple[float, str]:
     """Expected error of bonds at rest, and its basis.
 
     Args:
         resolution: of the body.
         look: its sizes.
         loaded: whether forces are prescribed, so that the modulus counts.
+        held: share of a horizon that clamps take, over the length they hold (1/m).
     """
     correction = resolution.correction or ("lattice" if look.regular else "analytic")
     share = SURFACE[correction] if loaded else min(PRESCRIBED, SURFACE[correction])
-    rim = share * 2.0 * look.m * look.dx / look.least
+    rim = max(share * 2.0 / look.least, held) * look.m * look.dx
     bulk = at(LATTICE, look.m)
     basis = f"surfaces ({correction}), lattice (m = {look.m:.3g})"
     if loaded and resolution.calibration != "lattice":
@@ -152,24 +158,38 @@ def at(known: dict[int, float], m: float) -> float:
     return known[below] + share * (known[above] - known[below])
 
 
-def clamped(scene: Scene) -> float:
-    """Height over length of a box at faces that hold all components; 0 without any.
+def _held_faces(scene: Scene) -> list[tuple[float, float]]:
+    """Length that is held and height (m) of each face that holds all components.
 
-    1 where something else than a face is held so, or the body is no box.
+    Of supports of all components elsewhere, the shortest side as both.
     """
-    found = 0.0
+    found = []
     for support in scene.supports:
         if None in support.components[: scene.d]:
             continue
         region = support.region
-        if not isinstance(scene.body, Box) or not isinstance(region, HalfSpace):
-            found = max(found, 1.0)
-            continue
-        sides = np.subtract(scene.body.hi, scene.body.lo)
-        if scene.d > 1:
-            across = np.delete(sides, region.axis).max()
-            found = max(found, float(across / sides[region.axis]))
+        if isinstance(scene.body, Box) and isinstance(region, HalfSpace):
+            sides = np.subtract(scene.body.hi, scene.body.lo)
+            across = np.delete(sides, region.axis)
+            height = float(across.max()) if len(across) else 0.0
+            found.append((float(sides[region.axis]), height))
+        elif isinstance(scene.body, Box):
+            least = float(np.min(np.subtract(scene.body.hi, scene.body.lo)))
+            found.append((least, least))
     return found
+
+
+def clamped(scene: Scene) -> float:
+    """Height over length of clamped faces, the highest; 0 without any."""
+    return max((height / length for length, height in _held_faces(scene)), default=0.0)
+
+
+def reach(scene: Scene) -> float:
+    """Share of a horizon that clamped faces take, over the length they hold (1/m)."""
+    if not scene.loads:
+        return 0.0
+    share = CLAMP["density" if any(x.kind == "density" for x in scene.loads) else ""]
+    return max((share / length for length, _ in _held_faces(scene)), default=0.0)
 
 
 def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
@@ -182,7 +202,7 @@ def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
     if own and not isinstance(scene.body, Laminate):
         return None, "the law is the user's own: refine(scene) measures"
     if isinstance(first, Bonds):
-        return of_bonds(first, seen, bool(scene.loads))
+        return of_bonds(first, seen, bool(scene.loads), reach(scene))
     return of_nodes(first, seen, clamped(scene), stiffening(scene))
 
 
