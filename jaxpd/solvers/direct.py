@@ -37,7 +37,7 @@ def solve_free(
     free = np.flatnonzero(~np.ravel(fixed))
     K = sp.csr_matrix(matrix)[free][:, free].tocsc()
     # pivots off the diagonal undo the ordering: 4 times the fill near nu = 1/2
-    how: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.01}
+    how: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 1e-4}
     if symmetric:
         how |= {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
     x = np.zeros(b.size)
