@@ -68,10 +68,14 @@ def _scene(words: list[str]) -> int:
             print(json.dumps(made.as_dict(), indent=1) if args.json else made)
             return 0
         out = args.out or Path(file.output.get("folder", "."))
-        out.mkdir(parents=True, exist_ok=True)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            parser.error(f"--out: {out} cannot be made ({error.strerror})")
         if file.output.get("picture", True):
             plot.pyplot()
         found, job, doubts = command.execute(file, out, args.resume)
+        doubts += command.doubts_of(found, job)
         told = command.report(found, job, file, out, started)
         told |= {"warnings": doubts} if doubts else {}
         command.clear(file, out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import importlib.util
 import inspect
 import json
 import time
@@ -31,6 +32,8 @@ DRIVERS: dict[str, Any] = {
     "fracture": solve_fracture,
     "relaxed": solve_relaxed,
 }
+#: Energies over the balance from which a motion is doubted.
+BALANCE = 0.02
 #: Scenes shipped with the package.
 EXAMPLES = Path(__file__).parent / "examples"
 #: Gallery scenes that move or follow a path, and how they are run from here.
@@ -203,6 +206,16 @@ def execute(file: SceneFile, out: Path, resume: bool) -> tuple[Any, str, list[st
     return DRIVERS[job](scene, first, **options).checked(), job, doubts
 
 
+def doubts_of(found: Any, job: str) -> list[str]:
+    """What is amiss with a result that came to its end."""
+    if job != "motion" or not abs(found.balance[-1]) > BALANCE:
+        return []
+    return [
+        f"the energies miss the balance by {found.balance[-1]:.1%}: supports that jump "
+        "do, a time=ramp(..) lets them start; a smaller dt helps elsewhere"
+    ]
+
+
 def _kept(file: SceneFile, out: Path) -> Path:
     """The folder of a scene's checkpoints."""
     return out / f"{file.path.stem}.checkpoints"
@@ -223,6 +236,8 @@ def _check_vtu(file: SceneFile, job: str, options: dict[str, Any]) -> None:
     """Refuse frames for ParaView, before a run, of what will have none."""
     if not file.output.get("vtu", False):
         return
+    if importlib.util.find_spec("meshio") is None:
+        raise ValueError("vtu: needs meshio; pip install 'jaxpd[mesh]'")
     if job == "relaxed":
         raise ValueError("vtu: a relaxed job has no frames; leave it out")
     if job == "motion" and not options.get("frames"):

@@ -214,9 +214,7 @@ def _framed(r: int, records: int, frames: int) -> bool:
 def _keep(folder: str | Path | None) -> Path | None:
     if folder is None:
         return None
-    path = Path(folder)
-    io.check_folder(path).mkdir(exist_ok=True)
-    return path / "state.npz"
+    return io.make_folder(folder) / "state.npz"
 
 
 def _frame_file(file: Path, r: int) -> Path:

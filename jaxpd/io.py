@@ -12,6 +12,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxpd.checks import instance
+
 
 def save_state(file: str | Path, state: Any, mark: str) -> None:
     """Write a pytree of arrays to an .npz file.
@@ -45,6 +47,22 @@ def check_folder(file: str | Path) -> Path:
     path = Path(file)
     if not path.parent.is_dir():
         raise ValueError(f"file: there is no folder {path.parent}; make it first")
+    return path
+
+
+def make_folder(folder: str | Path) -> Path:
+    """The folder of a run's checkpoints, made if need be; the one above it exists.
+
+    Raises:
+        ValueError: if it is no path, no folder, or cannot be made.
+    """
+    path = Path(instance("folder", folder, str | Path, "the path of a folder"))
+    if not path.parent.is_dir():
+        raise ValueError(f"folder: there is no folder {path.parent}; make it first")
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"folder: {path} cannot be made ({error.strerror})") from error
     return path
 
 

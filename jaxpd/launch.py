@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import jax
@@ -237,6 +238,10 @@ def _laminated(
 def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
     """The motion of a scene, or the one given, which takes no options any more."""
     instance("scene", scene, Scene | Motion, "a Scene(..), or of prepare_motion")
+    known = list(inspect.signature(prepare_motion).parameters)[1:]
+    for name in options:
+        if name not in known:
+            raise ValueError(f"{name}: is no option of run_explicit, nor of {known}")
     if not isinstance(scene, Motion):
         return prepare_motion(scene, **options)
     if options:

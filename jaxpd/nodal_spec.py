@@ -74,7 +74,9 @@ def check_params(params: Params, known: Params) -> None:
     if set(params) != set(known):
         unknown = sorted(set(params) - set(known))
         missing = sorted(set(known) - set(params))
+        inner = [name for name in unknown if hasattr(known.get("law"), name)]
+        where = f"; {inner} are fields of params['law']" if inner else ""
         raise ValueError(
             f"params: {unknown} must be absent and {missing} given, as in "
-            "`problem.params | {name: value}`"
+            f"`problem.params | {{name: value}}`{where}"
         )

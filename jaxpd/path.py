@@ -167,6 +167,20 @@ class Path:
         return io.write_series(folder, self.X, self.t, fields)
 
 
+def check_times(times: Any) -> list[float]:
+    """Times of load steps, which rise strictly from above 0.
+
+    Raises:
+        ValueError: if they do not.
+    """
+    given = times if isinstance(times, np.ndarray | str) else np.asarray(times)
+    targets = np.asarray(numbers("times", given, cure="a list, in s"), float)
+    rising = targets.ndim == 1 and len(targets) > 0
+    if not (rising and (np.diff(targets, prepend=0.0) > 0).all()):
+        raise ValueError(f"times: {times} must rise strictly, from above 0")
+    return targets.tolist()
+
+
 def solve_path(
     scene: Scene,
     times: Sequence[float],
@@ -213,13 +227,7 @@ def solve_path(
             "resolution: load steps with a memory are for nodes, resolution=MLS(..) or "
             "RKPM(..); solve_static and run_explicit are for bonds"
         )
-    targets = np.asarray(numbers("times", times, cure="in s"), float)
-    if (
-        targets.ndim != 1
-        or not len(targets)
-        or not (np.diff(targets, prepend=0.0) > 0).all()
-    ):
-        raise ValueError(f"times: {times} must rise strictly, from above 0")
+    targets = np.asarray(check_times(times))
     max_halvings = whole("max_halvings", max_halvings, 0)
     problem = prepare(
         scene,
@@ -231,7 +239,7 @@ def solve_path(
     ).with_newton(max_cuts=0, max_halvings=0, max_total=max_iterations)
     file, mark = None, ""
     if folder is not None:
-        io.check_folder(folder).mkdir(exist_ok=True)
+        io.make_folder(folder)
         file = File(folder) / "path.npz"
         mark = f"a path of {len(problem.X)} nodes, "
         mark += io.digest(problem, targets.tolist(), max_halvings)

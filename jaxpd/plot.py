@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxpd.checks import numbers
 from jaxpd.geometry import Box
 from jaxpd.record import Run
 from jaxpd.run import Solution
@@ -126,6 +127,8 @@ def frames(
             f"run: {len(kept)} frames of a {X.shape[1]}-D body; frames() draws 2-D runs"
             " of run_explicit(.., frames=..)"
         )
+    if times:
+        numbers("times", times, least=0, most=float(kept[-1]) * (1 + 1e-9))
     wanted = times or np.linspace(kept[0], kept[-1], 6)[1:]
     chosen = [int(np.argmin(np.abs(kept - t))) for t in wanted]
     rows = -(-(len(chosen) + 1) // columns)

@@ -25,7 +25,13 @@ from jaxpd.scene import Scene
 
 def stored(solution: Any) -> float:
     """The energy that a solution stores (J), the default quantity."""
-    return float(np.asarray(solution.energy).sum())
+    energy = float(np.asarray(solution.energy).sum())
+    if math.isnan(energy):
+        raise ValueError(
+            "quantity: None; this theory, scheme or law has no stored energy: give a "
+            "function of the solution, as lambda s: float(abs(s.u).max())"
+        )
+    return energy
 
 
 def refine(

@@ -188,7 +188,8 @@ class RKPM:
         scheme: of integration, a name in `jaxpd.discretize.schemes`; the default is
             made from nodes and outline alone, passes linear and quadratic patch tests
             (held edges straight) and is symmetric. "MNI" is paper 004's.
-        degree: of the basis, 1 or 2. The consistent schemes of second order ask for 2.
+        degree: of the basis, 1 to 3. The consistent schemes of second order ask for 2,
+            and integrate too little for 3 to gain anything.
         support: radius of a kernel; 2.3 to 3 is sound, see `tests/stability`.
         alpha: strength of the residual stabilisation of "NIS" (-).
     """

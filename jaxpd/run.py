@@ -133,6 +133,8 @@ class Solution:
         """Resultant [d] (N) of the supports' forces on the points in a region."""
         instance("region", region, Region, "above(..), below(..), box(..), ball(..)")
         inside = region.contains(np.asarray(self.X))
+        if not inside.any():
+            raise ValueError(f"region: no point lies in {region}")
         return np.asarray(self.reaction)[inside].sum(axis=0)
 
     def traction(self, layer: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -185,6 +187,7 @@ def keep_compiled(folder: str | Path = "~/.cache/jaxpd") -> Path:
     Raises:
         ValueError: if the folder cannot be made.
     """
+    instance("folder", folder, str | Path, "the path of a folder")
     path = Path(folder).expanduser()
     try:
         path.mkdir(parents=True, exist_ok=True)

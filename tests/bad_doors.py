@@ -15,6 +15,7 @@ from jaxpd.planner import changed
 from tests.bad_inputs import EDGE, KINDS, call, plate
 
 CRACK = jaxpd.segment((0.25, 0.5), (0.75, 0.5))
+FAR_AWAY = jaxpd.above(y=50.0)
 PATHS = {"number": 3, "none": None, "nowhere": "/nowhere/at/all/x.toml"}
 OBJECTS = {"text": "found", "number": 3.0, "none": None, "array": np.ones(3)}
 KINDS = KINDS | {
@@ -49,6 +50,11 @@ def opening(**given):
 
 def reaction_on(**given):
     """The resultant of a solution's supports."""
+    return solved().reaction_on(**given)
+
+
+def reaction_at(**given):
+    """The same, of what is no region."""
     return solved().reaction_on(**given)
 
 
@@ -88,7 +94,17 @@ def save_scene(**given):
     return jaxpd.save_scene(**({"path": "/dev/null", "scene": plate()} | given))
 
 
+def run_explicit(**given):
+    """A short motion."""
+    moving = plate(resolution=jaxpd.Bonds(dx=0.1, m=3))
+    return jaxpd.run_explicit(moving, 1e-3, **given)
+
+
+FOLDERS = {"number": 3, "nowhere": "/nowhere/at/all", "file": __file__}
+KINDS |= {"folder": FOLDERS, "region here": {"text": "left", "far": FAR_AWAY}}
 ROWS = [
+    (run_explicit, {}, {"folder": "folder", "toll": "object"}),
+    (reaction_on, {}, {"region": "region here"}),
     (
         refine,
         {},
@@ -116,7 +132,7 @@ ROWS = [
         {"scene": "scene", "toughness": "ratio"},
     ),
     (opening, {"crack": CRACK}, {"crack": "object", "at": "position"}),
-    (reaction_on, {"region": EDGE}, {"region": "region"}),
+    (reaction_at, {"region": EDGE}, {"region": "region"}),
     (layer_traction, {}, {"layer": "count"}),
     (
         openings,

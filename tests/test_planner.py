@@ -10,6 +10,7 @@ import jaxpd
 from jaxpd import gallery
 from jaxpd.planner import changed
 from jaxpd.planner.look import look
+from jaxpd.solvers import linear
 
 STRIP = jaxpd.Scene(
     body=jaxpd.box((0.0, 0.0), (2.0, 1.0)),
@@ -196,6 +197,104 @@ FAR = jaxpd.ball((9.0, 9.0), 0.1)
     ],
 )
 def test_no_plan_is_made_that_its_driver_would_refuse(scene, asked, words):
+    with pytest.raises(ValueError, match=words):
+        jaxpd.plan(dataclasses.replace(STRIP, **scene), **asked)
+
+
+GLASS = jaxpd.Elastic(72e9, 1 / 3, "plane stress", rho=2440.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "asked"),
+    [
+        (
+            {
+                "body": jaxpd.box((-0.5, -1.0), (0.5, 1.0)),
+                "cracks": [jaxpd.segment((-0.1, 0.0), (0.1, 0.0))],
+                "supports": [
+                    jaxpd.holds(jaxpd.below(y=-1.0)),
+                    jaxpd.moves(jaxpd.above(y=1.0), y=1e-3),
+                ],
+            },
+            {"accuracy": 0.1},
+        ),
+        (
+            {"supports": [jaxpd.drives(jaxpd.below(x=0.0), x=5.0)]},
+            {"duration": 1e-5, "accuracy": 0.3},
+        ),
+        (
+            {
+                "supports": [
+                    jaxpd.drives(jaxpd.box((-0.1, 0.4), (0.01, 0.6)), x=5.0),
+                ]
+            },
+            {"duration": 1e-5, "accuracy": 0.3},
+        ),
+    ],
+)
+def test_rows_lie_on_faces_that_are_held_there_alone(scene, asked):
+    scene = dataclasses.replace(STRIP, material=GLASS, loads=(), **scene)
+    plan = jaxpd.plan(scene, **asked)
+    assert plan.scene.resolution.nodes == "edge"
+    driver = jaxpd.prepare_motion if plan.job == "motion" else jaxpd.prepare
+    driver(plan.scene)
+
+
+def test_what_starts_to_move_has_rows_enough():
+    bar = jaxpd.Scene(
+        jaxpd.box((0.0,), (1.0,)),
+        jaxpd.Elastic(1.0, None, "bar", rho=1.0),
+        starts=[jaxpd.initially(jaxpd.below(x=0.1), vx=10.0)],
+    )
+    plan = jaxpd.plan(bar, duration=1.0, accuracy=0.02)
+    motion = jaxpd.prepare_motion(plan.scene)
+    asked = 0.1 * 10.0
+    v0, rho = np.asarray(motion.params["v0"]), 1.0
+    momentum = float((rho * np.asarray(motion.vol)[:, None] * v0).sum())
+    assert abs(momentum / asked - 1.0) <= plan.error
+
+
+def test_solvers_of_one_s_own_are_planned_with(monkeypatch):
+    known = linear.PRECONDITIONERS
+    monkeypatch.setitem(known, "jacobi again", known["d-pcg"])
+    scene = dataclasses.replace(STRIP, resolution=jaxpd.Bonds(dx=1 / 16, m=3))
+    assert jaxpd.plan(scene, solver="jacobi again").options["solver"] == "jacobi again"
+
+
+def test_a_plan_that_takes_hours_says_so():
+    scene = dataclasses.replace(
+        STRIP, material=GLASS, resolution=jaxpd.Bonds(dx=1 / 64, m=3)
+    )
+    assert any("a coarser" in w for w in jaxpd.plan(scene, duration=9.0).warnings)
+
+
+@pytest.mark.parametrize(
+    ("scene", "asked", "words"),
+    [
+        ({}, {"times": 3}, "times: 3 must rise"),
+        ({}, {"times": [2.0, 1.0]}, "times: .* must rise strictly"),
+        ({}, {"times": "abc"}, "times: 'abc' must be a number"),
+        (
+            {
+                "material": jaxpd.Elastic(1.0, 0.3, "plane stress"),
+                "kinematics": "finite",
+            },
+            {},
+            "kinematics: 'finite' is for bonds",
+        ),
+        (
+            {"body": jaxpd.box((0, 0, 0), (1, 1, 1)), "cracks": [CRACK]},
+            {},
+            "cracks: .* is in 2-D",
+        ),
+        (
+            {"body": jaxpd.box((0, 0), (2e3, 1e3)), "cracks": [CRACK]},
+            {},
+            "body: its sides",
+        ),
+    ],
+)
+def test_what_no_plan_can_have_is_answered_by_name(scene, asked, words):
     with pytest.raises(ValueError, match=words):
         jaxpd.plan(dataclasses.replace(STRIP, **scene), **asked)
 
@@ -458,7 +557,7 @@ def test_what_cannot_run_is_not_planned():
     plan = jaxpd.plan(STRIP, accuracy=0.01)
     with pytest.raises(ValueError, match="solver: 'foo' must be"):
         changed(plan, solver="foo")
-    with pytest.raises(ValueError, match="operator: 'fft' is for bonds"):
+    with pytest.raises(ValueError, match="operator: 'fft'; nodes have one"):
         changed(plan, operator="fft")
 
 

@@ -193,7 +193,7 @@ class Keeper:
         self.live, self.states, self.mark = live, states, mark
         self.file = None
         if folder is not None:
-            io.check_folder(folder).mkdir(exist_ok=True)
+            io.make_folder(folder)
             self.file = Path(folder) / "growth.npz"
         states.add(0.0, live.u, live.intact, accepted=True, critical=-1, **live.cost)
         self._next = EVERY

@@ -10,6 +10,8 @@ import numpy as np
 
 from jaxpd.checks import instance, number, word
 from jaxpd.geometry import Box
+from jaxpd.geometry.crack import check_dimension
+from jaxpd.path import check_times
 from jaxpd.planner import error as errors
 from jaxpd.planner.look import chosen, follows, look, remembers
 from jaxpd.planner.plan import Plan
@@ -26,6 +28,8 @@ FIELDS = ("resolution", "kinematics", "operator", "solver", "dtype", "dt", "tang
 ACCURACY = 0.01
 #: Longest horizon over the smallest feature that is chosen.
 LONGEST = 0.25
+#: Seconds and bytes above which a plan warns.
+LONG, LARGE = 1800.0, 16e9
 #: Most points that are planned without being asked for.
 MOST = 3_000_000
 
@@ -64,11 +68,12 @@ def plan(
         `changed(plan, ..)` plans again with further fields fixed.
 
     Raises:
-        ValueError: naming the argument, its value and the cure; if no resolution meets
-            what is wanted, with the best that does not.
+        ValueError: naming the argument, its value and the cure. That no resolution
+            meets what is wanted is a warning of the best that there is.
     """
     instance("scene", scene, Scene, "a Scene(..); of a file load_scene(..).scene")
     _check(job, accuracy, seconds, duration, fixed)
+    check_dimension(scene.cracks, scene.d)
     asked: dict[str, Any] = {
         "job": job,
         "accuracy": accuracy,
@@ -78,6 +83,8 @@ def plan(
         **fixed,
     }
     reasons: dict[str, str] = {}
+    if times is not None:
+        times = check_times(times)
     job = _job(scene, job, duration, times, reasons)
     steps = 10 if times is None else len(times)
     for name in ("resolution", "kinematics"):
@@ -97,6 +104,9 @@ def plan(
         found = dataclasses.replace(found, warnings=(*found.warnings, over))
     if seconds is not None and found.cost.seconds > seconds:
         over = f"predicted {found.cost.seconds:.2g} s are above the {seconds:g} asked"
+        found = dataclasses.replace(found, warnings=(*found.warnings, over))
+    if found.cost.seconds > LONG or found.cost.bytes > LARGE:
+        over = f"predicted {found.cost}: a coarser model, or less of it, may do"
         found = dataclasses.replace(found, warnings=(*found.warnings, over))
     return found
 
@@ -203,7 +213,9 @@ def _wanted(
                 break
     if not tried:
         raise ValueError(
-            "resolution: none fits the body; say one, as Bonds(dx=.., m=..)"
+            "resolution: none fits: horizons are at most a quarter of the smallest "
+            "side, crack, or what a crack leaves; is a length in another unit? Else "
+            "say one, as Bonds(dx=.., m=..)"
         )
 
     enough = [p for p in tried if accuracy is None or _miss(p) <= accuracy]

@@ -78,6 +78,9 @@ LAYOUT = {
 }
 #: Of an algebraic hierarchy, per entry of the matrix.
 HIERARCHY = 2.5e-7
+#: Of sparse factors of differences in 3-D: seconds over unknowns^2.5, entries over
+#: unknowns^1.5.
+STARS = (3.4e-9, 80.0)
 #: Of sparse factors, over unknowns^1.5 m^1.4 in 2-D; unknowns^2 m^2 in 3-D.
 FACTORS = {1: 1e-6, 2: 7e-8, 3: 4e-9}
 
@@ -93,9 +96,11 @@ def iterations(look: Look, solver: str, weak: bool = False) -> float:
     }.get(solver, (2.4 if weak else 4.4) * root)
 
 
-def factors(look: Look) -> float:
-    """Seconds of one sparse LU."""
+def factors(look: Look, strong: bool = False) -> float:
+    """Seconds of one sparse LU; stars of differences in 3-D leave hardly a zero."""
     N = look.unknowns
+    if strong and look.d == 3:
+        return STARS[0] * N**2.5
     if look.d == 1:
         return FACTORS[1] * N * look.m
     if look.d == 2:
@@ -112,13 +117,13 @@ def at_rest(look: Look, operator: str, kinematics: str, solver: str) -> Cost:
         kinematics: "small", one solve, or "finite", Newton's method.
         solver: of the linear systems.
     """
-    compiling = COMPILE.get((operator, kinematics), 2.0) + SOLVER[solver]
+    compiling = COMPILE.get((operator, kinematics), 2.0) + SOLVER.get(solver, 0.3)
     compiling += PLIES[kinematics] * (look.plies - 1)
     solves = 2 if kinematics == "finite" else 1
     count = iterations(look, solver, operator == "weak")
     each = product(look, operator)
     if solver == "direct":
-        work = factors(look)
+        work = factors(look, operator == "strong")
     elif solver == "amg":
         work = HIERARCHY * look.bonds * look.d**2 + count * 3.0 * each
     elif solver == "multigrid":
@@ -154,6 +159,8 @@ def memory(look: Look, operator: str, solver: str) -> float:
         held += 60.0 * entries
     if solver == "direct":
         fill = look.unknowns**1.2 * look.m**1.5 if look.d == 2 else entries
+        if operator == "strong" and look.d == 3:
+            fill = STARS[1] * look.unknowns**1.5 / 8.0
         held += 16.0 * (entries + 8.0 * fill)
     return held
 
@@ -199,7 +206,7 @@ def along_a_path(
     """Cost of load steps of nodes."""
     compiling = (6.0 if weak else 3.5) if look.d > 1 else 2.0
     newton = steps * (3.5 if plastic else 1.0)
-    each = factors(look) + 2.5e-7 * look.bonds * look.d**2
+    each = factors(look, not weak) + 2.5e-7 * look.bonds * look.d**2
     each *= 1.0 if solver == "direct" else 4.0
     return Cost(
         compiling,

@@ -67,7 +67,7 @@ def decide(
         word("solver", kept["solver"], methods())
     if "operator" in kept and isinstance(scene.resolution, NODES):
         raise ValueError(
-            f"operator: {kept['operator']!r} is for bonds; leave it out for nodes"
+            f"operator: {kept['operator']!r}; nodes have one of their own, leave it out"
         )
     make = {"static": _static, "path": _path, "fracture": _fracture}
     if job == "motion":

@@ -12,6 +12,7 @@ few horizons are worse. Where nothing that was measured applies it is None.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -210,6 +211,10 @@ def _of_breaking(scene: Scene, job: str, seen: Look) -> tuple[float, str]:
     """Of motion and fracture: the horizon over the body's features, waves, trapping."""
     error = PRESCRIBED * 2.0 * seen.m * seen.dx / feature(scene, seen)
     basis = "the horizon over the body's smallest feature"
+    size = min((_extent(start.region, scene) for start in scene.starts), default=0.0)
+    if size > 0.0:
+        error = max(error, 0.6 * seen.dx / size)
+        basis += "; rows in what starts to move"
     if job == "motion":
         waves, words = of_waves(seen, _wave_length(scene))
         basis += "; " + words
@@ -218,6 +223,20 @@ def _of_breaking(scene: Scene, job: str, seen: Look) -> tuple[float, str]:
         trapped, words = of_cracks(seen.m)
         basis, error = f"{basis}; {words}", max(error, trapped)
     return error, basis
+
+
+def _extent(region: Any, scene: Scene) -> float:
+    """Shortest side of what a half-space or a box takes of a box (m); else 0."""
+    if not isinstance(scene.body, Box) or not isinstance(region, Box | HalfSpace):
+        return 0.0
+    sides = np.subtract(scene.body.hi, scene.body.lo)
+    if isinstance(region, HalfSpace):
+        face = (scene.body.hi if region.sign > 0 else scene.body.lo)[region.axis]
+        sides[region.axis] = min(sides[region.axis], region.sign * (face - region.at))
+    else:
+        low = np.maximum(region.lo, scene.body.lo)
+        sides = np.minimum(region.hi, scene.body.hi) - low
+    return float(sides.min())
 
 
 def feature(scene: Scene, seen: Look) -> float:

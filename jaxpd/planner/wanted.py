@@ -22,6 +22,9 @@ COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 RATIOS = (3, 4, 6)
 
 
+FINITE = "finite displacements; kinematics='small' would let nodes do"
+
+
 def theories(scene: Scene, job: str) -> tuple[list[str], str]:
     """Theories that can model a scene, and why, cheapest to state first.
 
@@ -55,7 +58,12 @@ def _theories(scene: Scene, job: str) -> tuple[list[str], str]:
         return ["bonds"], "pull() spreads a force over the volumes of bonded points"
     nodes = ["RKPM", "MLS"] if _weak(scene) else ["MLS"]
     if scene.kinematics == "finite":
-        return ["bonds"], "finite displacements: nodes are for small ones"
+        if isinstance(scene.material, Elastic) and not _bonded(scene.material):
+            raise ValueError(
+                f"kinematics: 'finite' is for bonds, and nu = {scene.material.nu} is "
+                "none of theirs; say kinematics='small', and nodes will do"
+            )
+        return ["bonds"], FINITE
     if isinstance(scene.body, Cloud) and scene.body.rim is None:
         return ["bonds"], "a cloud without an outline"
     if any(load.kind == "pressure" for load in scene.loads):
@@ -132,7 +140,7 @@ def _bonds(scene: Scene, job: str, dx: float) -> Iterator[Bonds]:
     """Bonds at a spacing: of each ratio, and with what surfaces ask for."""
     pmb = fractional(alpha=1.0 - scene.d)
     for m in RATIOS:
-        plain = Bonds(dx=dx, m=m, nodes="cell")
+        plain = Bonds(dx=dx, m=m, nodes="cell" if _inside(scene) else "edge")
         if job == "motion":
             whole = "analytic" if not breaks(scene) else "none"
             yield dataclasses.replace(
@@ -141,13 +149,10 @@ def _bonds(scene: Scene, job: str, dx: float) -> Iterator[Bonds]:
         elif job == "fracture":
             yield dataclasses.replace(plain, kernel=pmb, calibration="lattice")
         else:
-            edge = dataclasses.replace(
-                plain, nodes="cell" if _inside(scene) else "edge"
-            )
-            yield dataclasses.replace(edge, calibration="lattice")
-            yield dataclasses.replace(edge, correction="energy")
+            yield dataclasses.replace(plain, calibration="lattice")
+            yield dataclasses.replace(plain, correction="energy")
             if not scene.cracks and isinstance(scene.body, Box):
-                yield dataclasses.replace(edge, correction="fictitious")
+                yield dataclasses.replace(plain, correction="fictitious")
 
 
 def _inside(scene: Scene) -> bool:
@@ -155,14 +160,16 @@ def _inside(scene: Scene) -> bool:
 
     Rollers and forces that act on a face alone need points on it.
     """
-    if scene.cracks or not isinstance(scene.body, Box):
+    if not isinstance(scene.body, Box):
         return True
     given: list[tuple[Any, bool]] = [
         (s.region, None not in s.components[: scene.d]) for s in scene.supports
     ]
     given += [(load.region, load.kind == "traction") for load in scene.loads]
-    given += [(start.region, False) for start in scene.starts]
+    thin = 0.5 * min(np.subtract(scene.body.hi, scene.body.lo)) / COUNTS[0]
     for region, reaches in given:
+        if isinstance(region, Box) and _outside(region, scene.body, thin):
+            return False
         if reaches or not isinstance(region, HalfSpace) or region.axis >= scene.d:
             continue
         lo, hi = scene.body.lo[region.axis], scene.body.hi[region.axis]
@@ -170,6 +177,14 @@ def _inside(scene: Scene) -> bool:
         if depth < 0.5 * (hi - lo) / COUNTS[0]:
             return False
     return True
+
+
+def _outside(region: Box, body: Box, thin: float) -> bool:
+    """Whether a region takes no more of a body than a skin of one of its faces."""
+    for a, b, lo, hi in zip(region.lo, region.hi, body.lo, body.hi, strict=True):
+        if (b - lo < thin and a <= lo) or (hi - a < thin and b >= hi):
+            return True
+    return False
 
 
 def spacings(scene: Scene, cells: bool = False) -> Iterator[float]:
