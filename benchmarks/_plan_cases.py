@@ -107,11 +107,12 @@ def stack(plies: int, d: int, kinematics: str) -> Any:
         for i in range(plies)
     ]
     state, nu, name = (("plane stress", 1 / 3, "y"), ("solid", 0.25, "z"))[d - 2]
+    force: Any = {name: 1e-5}
     return jaxpd.Scene(
         body=jaxpd.laminate(boxes, jaxpd.interlayer(0.1)),
         material=jaxpd.Elastic(1.0, nu, state),
         supports=[jaxpd.holds(jaxpd.below(x=0.06))],
-        loads=[jaxpd.pull(jaxpd.above(x=0.94), **{name: 1e-5})],
+        loads=[jaxpd.pull(jaxpd.above(x=0.94), **force)],
         kinematics=kinematics,
         resolution=jaxpd.Bonds(dx=0.02, m=3, nodes="cell"),
     )

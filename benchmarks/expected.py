@@ -63,7 +63,7 @@ def loads_of(shape: tuple[float, float], load: str) -> list[Any]:
         return [jaxpd.traction(right, y=FORCE)]
     if load == "pulled":
         return [jaxpd.traction(right, x=FORCE)]
-    axis = {"x" if load == "hanging" else "y": FORCE}
+    axis: Any = {"x" if load == "hanging" else "y": FORCE}
     return [jaxpd.body_force(jaxpd.below(x=shape[0] + 1.0), **axis)]
 
 
@@ -139,9 +139,9 @@ def resolutions(
         yield "bonds, lattice", jaxpd.Bonds(calibration="lattice", **one)
 
 
-def measured(case: tuple[Any, ...], resolution: Any) -> tuple[float, float] | None:
+def measured(case: Any, resolution: Any) -> tuple[float, float] | None:
     """The error made and that expected; None if the solve failed."""
-    plan = jaxpd.plan(scene_of(*case, resolution))
+    plan = jaxpd.plan(scene_of(*case, resolution=resolution))
     solution = plan.run()
     if solution.status is not jaxpd.Status.CONVERGED:
         return None
