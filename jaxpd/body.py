@@ -104,7 +104,11 @@ def supports_on(
     for support in scene.supports:
         inside = support.region.contains(X)
         if not inside.any():
-            raise ValueError(f"supports: no point lies in {support.region}")
+            raise ValueError(
+                f"supports: no point lies in {support.region}; points are between "
+                f"{X.min(axis=0)} and {X.max(axis=0)} (m): with nodes='cell' none lies "
+                "on a face, and a roller needs a thicker region, or nodes='edge'"
+            )
         check_axes("supports", support.components, scene.d)
         for axis, value in enumerate(support.components[: scene.d]):
             if value is not None:

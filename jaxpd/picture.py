@@ -95,7 +95,10 @@ def _body(axes: Axes, X: Any, u: Any, colour: Any, label: str) -> float:
     )
     bar: Any = axes.figure
     bar.colorbar(dots, ax=axes, label=label, shrink=0.8)
-    axes.set(aspect="equal", xlabel=f"displacements enlarged {scale:g} times")
+    plane = X.shape[1] == 2
+    axes.set(aspect="equal", ylabel="y (m)" if plane else "")
+    words = f"displacements enlarged {scale:g} times"
+    axes.set_xlabel(f"x (m); {words}" if plane else words)
     return scale
 
 
@@ -127,5 +130,5 @@ def _growth(growth: Growth) -> Figure:
     left.set(xlabel="state", ylabel="load factor (-); dots: the envelope")
     X = np.asarray(growth.X)
     _body(right, X, np.zeros_like(X), growth.damage(), "damage (-)")
-    right.set(title=growth.stopped or "", xlabel="")
+    right.set(title=growth.stopped or "", xlabel="x (m)")
     return figure
