@@ -4,7 +4,8 @@ Rectangles of four shapes, clamped or on a roller, bent, pulled, heavy or hangin
 Poisson's ratios up to 0.499, in every theory that can and at two spacings; quadratic
 elements on 32 cells across are the truth. The error is the root mean square over the
 points, over that of the displacements. Some scenes set the constants of
-`jaxpd.planner.error`, others are held back: shapes and ratios that none was fitted to.
+`jaxpd.planner.error`, others are held back: shapes and ratios that none was fitted to,
+though their errors were seen.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ def resolutions(
         yield "kernels", jaxpd.RKPM(dx=side / n)
     for n in (8, 16):
         yield "MLS difference", jaxpd.MLS(dx=side / n)
-    if constants[1] == "plane stress" and constants[0] > 0 and support == "clamped":
+    if constants[1] == "plane stress" and support == "clamped":
         one = {"dx": side / 16, "m": 3, "nodes": "cell"}
         for correction in ("energy", "fictitious"):
             yield f"bonds, {correction}", jaxpd.Bonds(correction=correction, **one)
@@ -180,11 +181,7 @@ def main() -> None:
     lines = []
     for theory in dict.fromkeys(r["theory"] for r in report.rows):
         for held in (False, True):
-            ratios = [
-                r["error"] / r["expected"]
-                for r in report.rows
-                if r["theory"] == theory and r["held back"] == held and r["error"]
-            ]
+            ratios = over_expected(report, held, theory)
             if ratios:
                 line = [theory, "held back" if held else "fitted", len(ratios)]
                 line += [float(np.max(ratios)), float(np.percentile(ratios, 95))]
@@ -194,14 +191,19 @@ def main() -> None:
     report.finish(HEAD, lines)
 
 
+def over_expected(report: Report, held: bool, theory: str = "") -> list[float]:
+    """Errors over those expected, of a theory or of all."""
+    return [
+        r["error"] / r["expected"]
+        for r in report.rows
+        if r["held back"] == held and r["error"] and theory in ("", r["theory"])
+    ]
+
+
 def add_claims(report: Report) -> None:
     """Errors are bounded, of what was held back too."""
     for held in (False, True):
-        ratios = [
-            r["error"] / r["expected"]
-            for r in report.rows
-            if r["held back"] == held and r["error"]
-        ]
+        ratios = over_expected(report, held)
         if not ratios:
             continue
         kind = "that were held back" if held else "that set the constants"

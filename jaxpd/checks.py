@@ -8,8 +8,9 @@ pass.
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,23 @@ def word(name: str, value: Any, known: Collection[str], cure: str = "") -> str:
         more = f"; {cure}" if cure else ""
         raise ValueError(f"{name}: {value!r} must be one of {tuple(known)}{more}")
     return value
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """A hint at the known name that is nearest, "did you mean 'x'? ", or nothing."""
+    found = difflib.get_close_matches(name, list(known), 1, 0.5)
+    return f"did you mean {found[0]!r}? " if found else ""
+
+
+def option(name: str, known: Collection[str], what: str) -> None:
+    """Refuse an option that something does not have, with the nearest that it has.
+
+    Raises:
+        ValueError: naming the option.
+    """
+    if name not in known:
+        hint = near(name, known)
+        raise ValueError(f"{name}: is no option of {what}; {hint}they are {[*known]}")
 
 
 def flag(name: str, value: Any) -> bool:

@@ -51,7 +51,7 @@ def check_folder(file: str | Path) -> Path:
 
 
 def make_folder(folder: str | Path) -> Path:
-    """The folder of a run's checkpoints, made if need be; the one above it exists.
+    """A folder, made if need be; the one above it exists.
 
     Raises:
         ValueError: if it is no path, no folder, or cannot be made.
@@ -132,8 +132,7 @@ def write_series(
         ) from error
     if len(t) == 0:
         raise ValueError("t: there are no frames; say frames= to run_explicit")
-    folder = Path(folder)
-    check_folder(folder).mkdir(exist_ok=True)
+    folder = make_folder(folder)
 
     def in_space(x: np.ndarray) -> np.ndarray:
         return x if x.ndim == 1 else np.pad(x, [(0, 0), (0, 3 - x.shape[1])])

@@ -16,7 +16,7 @@ from jaxpd.body import (
     starts_on,
     supports_on,
 )
-from jaxpd.checks import instance, number, word
+from jaxpd.checks import instance, number, option, word
 from jaxpd.course import Course
 from jaxpd.cuts import cut_bonds, memory_of, unbreakable
 from jaxpd.discretize import beyond_faces
@@ -42,6 +42,17 @@ from jaxpd.stack import own, stacked
 
 DTYPES = ("float32", "float64")
 KINDS = ("halves", "slots", "memory")
+
+
+def check_moves(scene: Scene) -> None:
+    """Refuse a scene of nodes, or with surfaces that only slow fracture knows.
+
+    Raises:
+        ValueError: naming the argument and its door.
+    """
+    check_bonds(scene, "motion")
+    if scene.weak:
+        raise ValueError("weak: is for solve_fracture; say no_fail here")
 
 
 def prepare_motion(
@@ -70,9 +81,7 @@ def prepare_motion(
     """
     instance("scene", scene, Scene, "a Scene(..)")
     word("operator", operator, ("auto", *KINDS))
-    check_bonds(scene, "motion")
-    if scene.weak:
-        raise ValueError("weak: is for solve_fracture; say no_fail here")
+    check_moves(scene)
     real = jax.dtypes.canonicalize_dtype(float).name
     dtype = real if dtype is None else dtype
     word("dtype", dtype, DTYPES)
@@ -240,8 +249,7 @@ def prepared(scene: Scene | Motion, options: dict[str, Any]) -> Motion:
     instance("scene", scene, Scene | Motion, "a Scene(..), or of prepare_motion")
     known = list(inspect.signature(prepare_motion).parameters)[1:]
     for name in options:
-        if name not in known:
-            raise ValueError(f"{name}: is no option of run_explicit, nor of {known}")
+        option(name, known, "a motion, beyond those of run_explicit")
     if not isinstance(scene, Motion):
         return prepare_motion(scene, **options)
     if options:

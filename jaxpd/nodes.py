@@ -55,9 +55,7 @@ def nodal_problem(
     law = law_of(scene, len(cloud.X))
     X, d = np.asarray(cloud.X), scene.d
     fixed, moved, courses = supports_on(scene, X)
-    scheme = resolution.scheme
-    if scheme == "auto":
-        scheme = "midpoint" if d == 1 else "double"
+    scheme = scheme_of(resolution, d)
     if scheme == "direct":
         check_law(law)
     layout = lay_out(
@@ -67,7 +65,7 @@ def nodal_problem(
         support=resolution.support or (3.1 if d == 3 else 4.1),
         rim_support=resolution.rim_support or 4.1,
         scheme=scheme,
-        projected=_projected(resolution.volume, law, scheme),
+        projected=is_projected(resolution.volume, law, scheme),
     )
     check_free(X, pieces(np.asarray(layout.stars.nbr)), fixed)
     pulled, histories = _loads(scene, cloud, layout, fixed)
@@ -88,6 +86,21 @@ def nodal_problem(
     problem = NodalProblem(params, layout, rim, fixed, X, vol, empty, spec)
     method = solver if solver != "auto" else "direct"
     return dataclasses.replace(problem, linear=problem.solver(method, *limits))
+
+
+def check_forces(scene: Scene) -> None:
+    """Refuse loads that nodes do not take, or along axes that are not there.
+
+    Raises:
+        ValueError: naming the loads.
+    """
+    for load in scene.loads:
+        if load.kind == "resultant":
+            raise ValueError(
+                "loads: pull() spreads a force over volumes, and nodes take densities; "
+                "use body_force(..) inside and traction(..) on the rim"
+            )
+        check_axes("loads", load.components, scene.d)
 
 
 def cloud_with_rim(scene: Scene) -> Cloud:
@@ -175,7 +188,14 @@ def law_of(scene: Scene, n: int) -> Any:
     return law
 
 
-def _projected(asked: str, law: Any, scheme: str) -> bool:
+def scheme_of(resolution: MLS, d: int) -> str:
+    """The scheme asked for, or that of so many dimensions."""
+    if resolution.scheme != "auto":
+        return resolution.scheme
+    return "midpoint" if d == 1 else "double"
+
+
+def is_projected(asked: str, law: Any, scheme: str) -> bool:
     """Whether changes of volume are smoothed over stars."""
     if scheme != "double":
         if asked == "projected":
@@ -204,13 +224,8 @@ def _loads(
     on = np.zeros(n, bool)
     on[node] = True
     midpoint = layout.scheme == "midpoint"
+    check_forces(scene)
     for load in scene.loads:
-        if load.kind == "resultant":
-            raise ValueError(
-                "loads: pull() spreads a force over volumes, and nodes take densities; "
-                "use body_force(..) inside and traction(..) on the rim"
-            )
-        check_axes("loads", load.components, d)
         row = total[tables.index(load.time)]
         inside, before = load.region.contains(X), row.copy()
         if load.kind == "density":

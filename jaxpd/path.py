@@ -173,8 +173,7 @@ def check_times(times: Any) -> list[float]:
     Raises:
         ValueError: if they do not.
     """
-    given = times if isinstance(times, np.ndarray | str) else np.asarray(times)
-    targets = np.asarray(numbers("times", given, cure="a list, in s"), float)
+    targets = np.asarray(numbers("times", times, cure="a list, in s"), float)
     rising = targets.ndim == 1 and len(targets) > 0
     if not (rising and (np.diff(targets, prepend=0.0) > 0).all()):
         raise ValueError(f"times: {times} must rise strictly, from above 0")
@@ -239,8 +238,7 @@ def solve_path(
     ).with_newton(max_cuts=0, max_halvings=0, max_total=max_iterations)
     file, mark = None, ""
     if folder is not None:
-        io.make_folder(folder)
-        file = File(folder) / "path.npz"
+        file = io.make_folder(folder) / "path.npz"
         mark = f"a path of {len(problem.X)} nodes, "
         mark += io.digest(problem, targets.tolist(), max_halvings)
     walk = Walk(problem, max_halvings)

@@ -97,8 +97,9 @@ def _body(axes: Axes, X: Any, u: Any, colour: Any, label: str) -> float:
     bar.colorbar(dots, ax=axes, label=label, shrink=0.8)
     plane = X.shape[1] == 2
     axes.set(aspect="equal", ylabel="y (m)" if plane else "")
-    words = f"displacements enlarged {scale:g} times"
-    axes.set_xlabel(f"x (m); {words}" if plane else words)
+    told = ["x (m)"] if plane else []
+    told += [f"displacements enlarged {scale:g} times"] if largest > 0 else []
+    axes.set_xlabel("; ".join(told))
     return scale
 
 
@@ -130,5 +131,5 @@ def _growth(growth: Growth) -> Figure:
     left.set(xlabel="state", ylabel="load factor (-); dots: the envelope")
     X = np.asarray(growth.X)
     _body(right, X, np.zeros_like(X), growth.damage(), "damage (-)")
-    right.set(title=growth.stopped or "", xlabel="x (m)")
+    right.set_title(growth.stopped or "")
     return figure

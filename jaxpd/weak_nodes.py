@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpd.body import check_axes, check_free, supports_on
+from jaxpd.body import check_free, supports_on
 from jaxpd.compiling import quickly
 from jaxpd.discretize.boundary import Boundary, boundary_points
 from jaxpd.discretize.layout import lay_out_cells
@@ -21,7 +21,7 @@ from jaxpd.discretize.schemes import SCHEMES
 from jaxpd.galerkin import GalerkinProblem
 from jaxpd.geometry import HalfSpace, pieces
 from jaxpd.nodal_spec import NodalSpec
-from jaxpd.nodes import cloud_with_rim, law_of, values_inside
+from jaxpd.nodes import check_forces, cloud_with_rim, law_of, values_inside
 from jaxpd.operators.weak import evenhanded
 from jaxpd.physics import Hooke
 from jaxpd.resolution import RKPM
@@ -105,13 +105,8 @@ def _loads(scene: Scene, X: np.ndarray, rule: Rule, line: Boundary) -> Any:
     nodal = np.asarray(line.size) > 0
     traction = np.zeros((len(tables), *at.shape))
     pressure, body = traction[..., 0].copy(), np.zeros((len(tables), *place.shape))
+    check_forces(scene)
     for load in scene.loads:
-        if load.kind == "resultant":
-            raise ValueError(
-                "loads: pull() spreads a force over volumes, and nodes take densities; "
-                "use body_force(..) inside and traction(..) on the rim"
-            )
-        check_axes("loads", load.components, d)
         row, parts = tables.index(load.time), load.components
         if load.kind == "density":
             flat = place.reshape(-1, d)

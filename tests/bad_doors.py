@@ -53,11 +53,6 @@ def reaction_on(**given):
     return solved().reaction_on(**given)
 
 
-def reaction_at(**given):
-    """The same, of what is no region."""
-    return solved().reaction_on(**given)
-
-
 def layer_traction(**given):
     """The traction of a layer that is not there."""
     return solved().traction(**given)
@@ -101,10 +96,9 @@ def run_explicit(**given):
 
 
 FOLDERS = {"number": 3, "nowhere": "/nowhere/at/all", "file": __file__}
-KINDS |= {"folder": FOLDERS, "region here": {"text": "left", "far": FAR_AWAY}}
+KINDS |= {"folder": FOLDERS, "region here": KINDS["region"] | {"far": FAR_AWAY}}
 ROWS = [
     (run_explicit, {}, {"folder": "folder", "toll": "object"}),
-    (reaction_on, {}, {"region": "region here"}),
     (
         refine,
         {},
@@ -132,7 +126,7 @@ ROWS = [
         {"scene": "scene", "toughness": "ratio"},
     ),
     (opening, {"crack": CRACK}, {"crack": "object", "at": "position"}),
-    (reaction_at, {"region": EDGE}, {"region": "region"}),
+    (reaction_on, {"region": EDGE}, {"region": "region here"}),
     (layer_traction, {}, {"layer": "count"}),
     (
         openings,

@@ -95,6 +95,31 @@ class Fracture:
         return jnp.where(self.may, s, math.inf)
 
 
+def check_breaks(scene: Scene) -> None:
+    """Refuse a scene that cannot break slowly.
+
+    Raises:
+        ValueError: naming the argument, its value and the cure.
+    """
+    check_bonds(scene, "slow fracture")
+    if isinstance(scene.body, Laminate):
+        raise ValueError("body: a laminate; interlayers break in run_explicit")
+    if scene.starts:
+        raise ValueError("starts: are for run_explicit, which knows time")
+    material = scene.material
+    strong = isinstance(material, Elastic) and material.G0 is None
+    memory = isinstance(material, Solid) and hasattr(material.law, "advance")
+    if strong or memory or not isinstance(material, Elastic | Solid):
+        raise ValueError(
+            f"material: {material!r} never breaks, or has a memory of its own; use "
+            "Elastic(.., G0=..), or Solid(law, rho, s_crit) of a law without memory"
+        )
+    if scene.resolution.correction == "fictitious":
+        raise ValueError(
+            "correction: 'fictitious' does not break; use 'lattice' or 'energy'"
+        )
+
+
 def prepare_fracture(scene: Scene, toughness: str | float = "nominal") -> Fracture:
     """Do the host work of a scene that breaks slowly once.
 
@@ -116,31 +141,18 @@ def prepare_fracture(scene: Scene, toughness: str | float = "nominal") -> Fractu
         word("toughness", toughness, ("nominal", "lattice"), "or a ratio")
     else:
         number("toughness", toughness, above=0, cure="or 'nominal', 'lattice'")
-    check_bonds(scene, "slow fracture")
+    check_breaks(scene)
     material, resolution = scene.material, scene.resolution
-    if isinstance(scene.body, Laminate):
-        raise ValueError("body: a laminate; interlayers break in run_explicit")
-    if scene.starts:
-        raise ValueError("starts: are for run_explicit, which knows time")
     more: Params = {}
     law: Any = material
-    if isinstance(material, Elastic) and material.G0 is not None:
+    if isinstance(material, Elastic):
         more["G0"] = np.asarray(material.G0, float)
-    elif isinstance(material, Solid) and not hasattr(material.law, "advance"):
-        law, more["s_crit"] = material.law, np.asarray(material.s_crit, float)
     else:
-        raise ValueError(
-            f"material: {material!r} never breaks, or has a memory of its own; use "
-            "Elastic(.., G0=..), or Solid(law, rho, s_crit) of a law without memory"
-        )
+        law, more["s_crit"] = material.law, np.asarray(material.s_crit, float)
     whole = dataclasses.replace(
         scene, material=law, cracks=(), no_fail=(), weak=(), kinematics="small"
     )
     problem = prepare(whole, operator="gather", solver="direct")
-    if not isinstance(problem.bonds(problem.params), BondForce):
-        raise ValueError(
-            "correction: 'fictitious' does not break; use 'lattice' or 'energy'"
-        )
     X, family = np.asarray(problem.X), problem.family
     nbr = np.asarray(family.nbr)
     slot, i = (x.astype(np.int32) for x in np.nonzero(nbr > np.arange(len(X))))

@@ -193,8 +193,7 @@ class Keeper:
         self.live, self.states, self.mark = live, states, mark
         self.file = None
         if folder is not None:
-            io.make_folder(folder)
-            self.file = Path(folder) / "growth.npz"
+            self.file = io.make_folder(folder) / "growth.npz"
         states.add(0.0, live.u, live.intact, accepted=True, critical=-1, **live.cost)
         self._next = EVERY
         if self.file is not None and self.file.exists():

@@ -13,7 +13,8 @@ from jaxpd.geometry import Box
 from jaxpd.geometry.crack import check_dimension
 from jaxpd.path import check_times
 from jaxpd.planner import error as errors
-from jaxpd.planner.look import chosen, follows, look, remembers
+from jaxpd.planner.laws import follows, remembers
+from jaxpd.planner.look import chosen, look
 from jaxpd.planner.plan import Plan
 from jaxpd.planner.planned import planned
 from jaxpd.planner.trial import check_runs
@@ -98,17 +99,15 @@ def plan(
     else:
         wanted = (accuracy, seconds)
         found = _wanted(scene, job, duration, steps, fixed, asked, wanted, reasons)
+    over, cost = [*found.warnings], found.cost
     missed = accuracy is not None and (found.error or 0.0) > accuracy
     if missed and chosen(scene.resolution):
-        over = f"expected error {found.error:.2g} is above the {accuracy:g} asked"
-        found = dataclasses.replace(found, warnings=(*found.warnings, over))
-    if seconds is not None and found.cost.seconds > seconds:
-        over = f"predicted {found.cost.seconds:.2g} s are above the {seconds:g} asked"
-        found = dataclasses.replace(found, warnings=(*found.warnings, over))
-    if found.cost.seconds > LONG or found.cost.bytes > LARGE:
-        over = f"predicted {found.cost}: a coarser model, or less of it, may do"
-        found = dataclasses.replace(found, warnings=(*found.warnings, over))
-    return found
+        over.append(f"expected error {found.error:.2g} is above the {accuracy:g} asked")
+    if seconds is not None and cost.seconds > seconds:
+        over.append(f"predicted {cost.seconds:.2g} s are above the {seconds:g} asked")
+    if cost.seconds > LONG or cost.bytes > LARGE:
+        over.append(f"predicted {cost}: a coarser model, or less of it, may do")
+    return dataclasses.replace(found, warnings=tuple(over))
 
 
 def changed(found: Plan, **fields: Any) -> Plan:

@@ -38,6 +38,8 @@ class Cost:
         )
 
 
+#: Memory of the code of each further ply (bytes).
+PLY_CODE = 30e6
 #: Memory of a process that has compiled what a job needs (bytes).
 BASE = {"bonds": 320e6, "nodes": 430e6, "motion": 350e6, "laminate": 460e6}
 #: Processor seconds of compilation and set-up of small scenes at rest.
@@ -144,12 +146,21 @@ def product(look: Look, operator: str) -> float:
     return PRODUCT[operator] * look.bonds * blocks
 
 
+def fill(look: Look, operator: str) -> float:
+    """Entries of sparse factors, roughly."""
+    if operator == "strong" and look.d == 3:
+        return STARS[1] * look.unknowns**1.5
+    if look.d == 2:
+        return 8.0 * look.unknowns**1.2 * look.m**1.5
+    return 8.0 * look.bonds * look.d**2
+
+
 def memory(look: Look, operator: str, solver: str) -> float:
     """Highest resident memory (bytes)."""
     entries = look.bonds * look.d**2
     held = (
         BASE["nodes" if operator in ("weak", "strong") else "bonds"]
-        + 30e6 * (look.plies - 1)
+        + PLY_CODE * (look.plies - 1)
         + 400.0 * look.unknowns
     )
     held += {"fft": 0.0, "stencil": 4.0, "gather": 40.0}.get(operator, 60.0) * (
@@ -158,10 +169,7 @@ def memory(look: Look, operator: str, solver: str) -> float:
     if solver == "amg":
         held += 60.0 * entries
     if solver == "direct":
-        fill = look.unknowns**1.2 * look.m**1.5 if look.d == 2 else entries
-        if operator == "strong" and look.d == 3:
-            fill = STARS[1] * look.unknowns**1.5 / 8.0
-        held += 16.0 * (entries + 8.0 * fill)
+        held += 16.0 * (entries + fill(look, operator))
     return held
 
 

@@ -19,10 +19,11 @@ from jaxpd.explicit import run_explicit
 from jaxpd.laminate import Laminate
 from jaxpd.planner import cost as costs
 from jaxpd.planner.cost import Cost
-from jaxpd.planner.look import Look, breaks, elastic, law_inside, remembers
+from jaxpd.planner.laws import breaks, law_inside, remembers
+from jaxpd.planner.look import Look
 from jaxpd.planner.words import WHY
 from jaxpd.resolution import NODES, RKPM, Bonds
-from jaxpd.scene import Elastic, Scene, Solid
+from jaxpd.scene import Elastic, Scene
 from jaxpd.solvers.linear import methods
 
 #: Events over bonds: mirror images go together, and some bonds stay whole.
@@ -253,8 +254,6 @@ def _path(
 def _fracture(
     scene: Scene, look: Look, steps: int, kept: dict[str, Any]
 ) -> tuple[dict[str, Any], Cost, Choices]:
-    if not elastic(scene.material) and not isinstance(scene.material, Solid):
-        raise ValueError("material: slow fracture is for Elastic with a G0")
     states = states_of(scene, look)
     able = (
         ["direct", "d-pcg", "multigrid", "amg"] if look.regular else ["direct", "amg"]

@@ -18,8 +18,9 @@ import numpy as np
 
 from jaxpd.geometry import Box, HalfSpace
 from jaxpd.laminate import Laminate
-from jaxpd.planner.look import THICK, Look, breaks, elastic, stiffening
-from jaxpd.resolution import MLS, RKPM, Bonds
+from jaxpd.planner.laws import breaks, elastic, projected, stiffening
+from jaxpd.planner.look import Look
+from jaxpd.resolution import MLS, Bonds
 from jaxpd.scene import Scene
 
 #: Error over 2 delta / L of bodies under loads, by correction: the worst of a bar
@@ -55,7 +56,7 @@ LATTICE = {3: 0.014, 4: 0.006, 6: 0.004, 8: 0.003}
 TRAPPED = {3: 0.135, 4: 0.044, 5: 0.036, 6: 0.014}
 #: Error C (h / L)^p of nodes where fields are smooth: kernels on boxes and elsewhere
 #: (the plate with a hole), differences.
-NODAL = {"RKPM": (0.07, 2.0), "RKPM, curved": (0.2, 2.0), "SCNI": (1.0, 2.0)}
+NODAL = {"QCNI": (0.07, 2.0), "QCNI, uneven": (0.2, 2.0), "SCNI": (1.0, 2.0)}
 STRONG = {1: (6.0, 3.0), 2: (0.8, 1.0), 3: (0.8, 1.0)}
 #: Kernels beside a clamped face, at whose ends stresses are infinite: C (h / L)^1.5
 #: over the height of the face by the length that it holds, up to a most (expected.py).
@@ -94,41 +95,33 @@ def of_bonds(
     return min(1.0, rim + bulk), basis
 
 
-def of_nodes(
-    resolution: RKPM | MLS, look: Look, held: float = 0.0, stiff: float = 0.0
-) -> tuple[float | None, str]:
-    """Expected error of nodes, and its basis.
+def of_differences(scene: Scene, look: Look) -> tuple[float, str]:
+    """Expected error of the strong form, and its basis."""
+    C, p = STRONG[look.d]
+    C *= PROJECTED if projected(scene) else 1.0
+    basis = "bar (work_precision.py)"
+    if look.d > 1:
+        basis = "rectangles (expected.py), hole (work_precision.py)"
+    return C * (look.dx / look.least) ** p, basis
 
-    Args:
-        resolution: of the nodes.
-        look: their sizes.
-        held: height of clamped faces over the length that they hold, 0 without any.
-        stiff: Lame's constants, lambda over mu; 0 of a thin body.
-    """
-    size = look.dx / look.least
-    if isinstance(resolution, MLS):
-        C, p = STRONG[look.d]
-        C *= PROJECTED if stiff > THICK else 1.0
-        basis = "bar (work_precision.py)" if look.d == 1 else "rectangles (expected.py)"
-    else:
-        name = "RKPM" if look.regular or look.d == 1 else "RKPM, curved"
-        name = {"QCNI": name, "SCNI": "SCNI"}.get(resolution.scheme, "")
-        if not name:
-            return None, f"{resolution.scheme} need not converge (paper_rkpm.py)"
-        C, p = NODAL[name]
-        basis = "hole (work_precision.py)" if "curved" in name else "rectangles"
-        basis += " (expected.py)" if basis == "rectangles" else ""
-        error = C * size**p
-        if look.d > 1 and held:
-            corner = min(CORNER * held, CORNER_MOST) * size**1.5
-            error, basis = max(error, corner), basis + ", ends of clamped faces"
-        if stiff > 1.0 / LOCKING**2:
-            error, basis = (
-                error * LOCKING * stiff**0.5,
-                basis + ", nearly of one volume",
-            )
-        return error, basis
-    return C * size**p, basis
+
+def of_kernels(scene: Scene, look: Look) -> tuple[float | None, str]:
+    """Expected error of the weak form, None if it need not converge; and its basis."""
+    scheme, size = scene.resolution.scheme, look.dx / look.least
+    if scheme not in ("QCNI", "SCNI"):
+        return None, f"{scheme} need not converge (paper_rkpm.py)"
+    even = look.regular or look.d == 1
+    basis = "rectangles (expected.py)" if even else "hole (work_precision.py)"
+    C, p = NODAL[scheme if scheme == "SCNI" or even else "QCNI, uneven"]
+    error = C * size**p
+    held = clamped(scene, look)
+    if look.d > 1 and held:
+        error = max(error, min(CORNER * held, CORNER_MOST) * size**1.5)
+        basis += ", ends of clamped faces"
+    locking = LOCKING * stiffening(scene) ** 0.5
+    if locking > 1.0:
+        error, basis = error * locking, basis + ", nearly of one volume"
+    return error, basis
 
 
 def of_waves(look: Look, length: float | None) -> tuple[float | None, str]:
@@ -159,7 +152,7 @@ def at(known: dict[int, float], m: float) -> float:
     return known[below] + share * (known[above] - known[below])
 
 
-def _held_faces(scene: Scene) -> list[tuple[float, float]]:
+def _held_faces(scene: Scene, look: Look) -> list[tuple[float, float]]:
     """Length that is held and height (m) of each face that holds all components.
 
     Of supports of all components elsewhere, the shortest side as both.
@@ -168,29 +161,29 @@ def _held_faces(scene: Scene) -> list[tuple[float, float]]:
     for support in scene.supports:
         if None in support.components[: scene.d]:
             continue
-        region = support.region
-        if isinstance(scene.body, Box) and isinstance(region, HalfSpace):
+        region, sides = support.region, np.asarray(look.sides)
+        if isinstance(scene.body, Box):
             sides = np.subtract(scene.body.hi, scene.body.lo)
+        if isinstance(region, HalfSpace):
             across = np.delete(sides, region.axis)
-            height = float(across.max()) if len(across) else 0.0
-            found.append((float(sides[region.axis]), height))
-        elif isinstance(scene.body, Box):
-            least = float(np.min(np.subtract(scene.body.hi, scene.body.lo)))
-            found.append((least, least))
+            found.append((float(sides[region.axis]), float(across.max(initial=0.0))))
+        else:
+            found.append((float(sides.min()),) * 2)
     return found
 
 
-def clamped(scene: Scene) -> float:
+def clamped(scene: Scene, look: Look) -> float:
     """Height over length of clamped faces, the highest; 0 without any."""
-    return max((height / length for length, height in _held_faces(scene)), default=0.0)
+    faces = _held_faces(scene, look)
+    return max((height / length for length, height in faces), default=0.0)
 
 
-def reach(scene: Scene) -> float:
+def reach(scene: Scene, look: Look) -> float:
     """Share of a horizon that clamped faces take, over the length they hold (1/m)."""
     if not scene.loads:
         return 0.0
     share = CLAMP["density" if any(x.kind == "density" for x in scene.loads) else ""]
-    return max((share / length for length, _ in _held_faces(scene)), default=0.0)
+    return max((share / length for length, _ in _held_faces(scene, look)), default=0.0)
 
 
 def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
@@ -203,17 +196,22 @@ def of_scene(scene: Scene, job: str, seen: Look) -> tuple[float | None, str]:
     if own and not isinstance(scene.body, Laminate):
         return None, "the law is the user's own: refine(scene) measures"
     if isinstance(first, Bonds):
-        return of_bonds(first, seen, bool(scene.loads), reach(scene))
-    return of_nodes(first, seen, clamped(scene), stiffening(scene))
+        return of_bonds(first, seen, bool(scene.loads), reach(scene, seen))
+    of_nodes = of_differences if isinstance(first, MLS) else of_kernels
+    return of_nodes(scene, seen)
 
 
 def _of_breaking(scene: Scene, job: str, seen: Look) -> tuple[float, str]:
     """Of motion and fracture: the horizon over the body's features, waves, trapping."""
+    given = scene.resolution
+    first = given[0] if isinstance(given, list | tuple) else given
     error = PRESCRIBED * 2.0 * seen.m * seen.dx / feature(scene, seen)
     basis = "the horizon over the body's smallest feature"
     size = min((_extent(start.region, scene) for start in scene.starts), default=0.0)
     if size > 0.0:
-        error = max(error, 0.6 * seen.dx / size)
+        # half a row more or less; with rows on the faces a whole one
+        rows = 1.1 if first.nodes == "edge" else 0.6
+        error = max(error, rows * seen.dx / size)
         basis += "; rows in what starts to move"
     if job == "motion":
         waves, words = of_waves(seen, _wave_length(scene))

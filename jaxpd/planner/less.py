@@ -9,7 +9,8 @@ import numpy as np
 from jaxpd.conditions import Support
 from jaxpd.geometry import Ball, Box, Crack, HalfSpace, Region, Union
 from jaxpd.laminate import Laminate
-from jaxpd.planner.look import Look, breaks, follows
+from jaxpd.planner.laws import breaks, follows
+from jaxpd.planner.look import Look
 from jaxpd.resolution import Bonds
 from jaxpd.scene import Scene
 

@@ -17,15 +17,11 @@ from scipy.spatial import KDTree
 from jaxpd.body import cloud_of
 from jaxpd.geometry import Box, Cloud
 from jaxpd.laminate import Laminate
-from jaxpd.nodes import STIFF
-from jaxpd.physics import Hooke
+from jaxpd.planner.laws import projected
 from jaxpd.plies import ply_scenes
 from jaxpd.resolution import NODES, RKPM, Bonds, Kernel
-from jaxpd.scene import Elastic, Scene, Solid
-from jaxpd.schedule import ALWAYS
+from jaxpd.scene import Scene
 
-#: Lame's constants, lambda over mu, from which volumes are projected.
-THICK = 2.0 * STIFF / (1.0 - 2.0 * STIFF)
 #: Points of which nearest neighbours are looked at.
 SAMPLE = 4000
 
@@ -190,8 +186,7 @@ def _nodes(scene: Scene) -> Look:
         else resolution.support or (4.1, 4.1, 3.1)[scene.d - 1]
     )
     # stars of the strong form are convolved with themselves, and once more by volumes
-    if not weak and projected(scene):
-        m *= 1.5
+    m *= 1.5 if projected(scene) else 1.0
     k = (2 * m) ** scene.d * (1.0, math.pi / 4, math.pi / 6)[scene.d - 1]
     return Look(
         d=scene.d,
@@ -208,22 +203,6 @@ def _nodes(scene: Scene) -> Look:
     )
 
 
-def projected(scene: Scene) -> bool:
-    """Whether changes of volume are smoothed over stars of the strong form."""
-    asked: str = scene.resolution.volume
-    return asked == "projected" or (asked == "auto" and stiffening(scene) > THICK)
-
-
-def stiffening(scene: Scene) -> float:
-    """Lame's constants lambda over mu of a body that is thick; 0 if it is thin."""
-    law = law_inside(scene.material)
-    nu, state = getattr(law, "nu", None), getattr(law, "state", "")
-    if nu is None or state not in ("plane strain", "solid"):
-        return 0.0
-    most = min(float(np.max(np.asarray(nu))), 0.5 - 1e-9)
-    return 2.0 * most / (1.0 - 2.0 * most)
-
-
 def spread(X: np.ndarray) -> float:
     """Standard deviation over mean of the distances to the nearest neighbour (-)."""
     if len(X) < 3:
@@ -231,43 +210,6 @@ def spread(X: np.ndarray) -> float:
     pick = np.linspace(0, len(X) - 1, min(len(X), SAMPLE)).astype(int)
     near = KDTree(X).query(X[pick], k=2)[0][:, 1]
     return float(near.std() / near.mean())
-
-
-def law_inside(material: Any) -> Any:
-    """The law of a material; Hooke's of an `Elastic`."""
-    return material.law if isinstance(material, Solid) else material
-
-
-def remembers(material: Any) -> bool:
-    """Whether a law of nodes has a memory, as plastic strain."""
-    law = law_inside(material)
-    return hasattr(law, "history0") and not isinstance(law, Hooke)
-
-
-def breaks(scene: Scene) -> bool:
-    """Whether anything in a scene has a strength."""
-    given = scene.material
-    materials = given if isinstance(given, list | tuple) else [given]
-    layers = scene.body.interlayers if isinstance(scene.body, Laminate) else ()
-    return (
-        any(getattr(one, "G0", None) is not None for one in materials)
-        or any(
-            isinstance(one, Solid)
-            and (np.isfinite(one.s_crit) or hasattr(one.law, "advance"))
-            for one in materials
-        )
-        or any(getattr(layer, "G0", None) is not None for layer in layers)
-    )
-
-
-def follows(scene: Scene) -> bool:
-    """Whether a support or load follows a history."""
-    return any(c.time != ALWAYS for c in (*scene.supports, *scene.loads))
-
-
-def elastic(material: Any) -> bool:
-    """Whether a material is linear elastic, by constants."""
-    return isinstance(material, Elastic) or isinstance(law_inside(material), Hooke)
 
 
 def _spacing(cloud: Cloud) -> float:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import inspect
 import textwrap
 from dataclasses import dataclass, field
 from typing import Any
 
+from jaxpd.checks import option
 from jaxpd.explicit import run_explicit
 from jaxpd.fracture import solve_fracture
 from jaxpd.launch import prepare_motion
@@ -82,12 +82,7 @@ class Plan:
         driver, needed = DRIVERS[self.job]
         known = options_of(self.job)
         for name in more:
-            if name not in known:
-                near = difflib.get_close_matches(name, known, 1, 0.5)
-                meant = f"did you mean {near[0]!r}? " if near else ""
-                raise ValueError(
-                    f"{name}: is no option of a {self.job}; {meant}they are {known}"
-                )
+            option(name, known, f"a {self.job}")
         options = self.options | more
         if needed is None:
             return driver(self.scene, **options)

@@ -9,7 +9,6 @@ from jaxpd.planner.duty import decide
 from jaxpd.planner.less import warnings_of
 from jaxpd.planner.look import look
 from jaxpd.planner.plan import Plan
-from jaxpd.planner.wanted import check_able
 from jaxpd.resolution import MLS, NODES, RKPM
 from jaxpd.scene import Scene
 
@@ -45,7 +44,6 @@ def planned(
         "resolution": scene.resolution,
         "kinematics": _kinematics(scene, job),
     }
-    check_able(scene)
     options, cost, more = decide(scene, job, seen, duration, steps, fixed)
     if job == "path" and asked.get("times") is not None:
         options["times"] = asked["times"]

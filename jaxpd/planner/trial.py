@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 
 from jaxpd.body import (
-    check_axes,
-    check_bonds,
     check_free,
     cloud_of,
     loads_on,
@@ -21,14 +19,16 @@ from jaxpd.body import (
     supports_on,
 )
 from jaxpd.discretize.directional import DIRECTIONAL
+from jaxpd.fracture.breaking import check_breaks
 from jaxpd.fracture.live_iterative import METHODS
 from jaxpd.laminate import Laminate
+from jaxpd.launch import check_moves
 from jaxpd.model import check_given, check_whole, correction_of, model_of
-from jaxpd.nodes import cloud_with_rim, law_of
-from jaxpd.planner.look import follows, remembers
+from jaxpd.nodes import check_forces, cloud_with_rim, law_of
+from jaxpd.planner.laws import follows, remembers
 from jaxpd.plies import ply_scenes
 from jaxpd.resolution import MLS, NODES, RKPM
-from jaxpd.scene import Elastic, Scene, Solid
+from jaxpd.scene import Scene
 from jaxpd.solvers.linear import GENERAL, methods
 
 LATTICES = ("spectral", "multigrid")
@@ -78,10 +78,8 @@ def _check_job(scene: Scene, job: str, nodes: bool) -> None:
             "job: 'path' is load steps of nodes, resolution=MLS(..) or RKPM(..), and "
             "this scene asks for bonds: 'static', 'motion' or 'fracture'"
         )
-    if job in ("motion", "fracture"):
-        check_bonds(scene, "motion" if job == "motion" else "slow fracture")
-    if job == "motion" and scene.weak:
-        raise ValueError("weak: is for solve_fracture; say no_fail here")
+    if job == "motion":
+        check_moves(scene)
     if job == "static" and nodes and (remembers(scene.material) or follows(scene)):
         raise ValueError(
             "job: 'static' of a law with a memory, or of histories; say job='path'"
@@ -89,25 +87,7 @@ def _check_job(scene: Scene, job: str, nodes: bool) -> None:
     if job == "static" and not nodes:
         check_whole(scene)
     if job == "fracture":
-        _check_fracture(scene)
-
-
-def _check_fracture(scene: Scene) -> None:
-    if isinstance(scene.body, Laminate):
-        raise ValueError("body: a laminate; interlayers break in run_explicit")
-    if scene.starts:
-        raise ValueError("starts: are for run_explicit, which knows time")
-    material = scene.material
-    strong = isinstance(material, Elastic) and material.G0 is None
-    if strong or not isinstance(material, Elastic | Solid):
-        raise ValueError(
-            f"material: {material!r} never breaks; use Elastic(.., G0=..), or "
-            "Solid(law, rho, s_crit) of a law without memory"
-        )
-    if scene.resolution.correction == "fictitious":
-        raise ValueError(
-            "correction: 'fictitious' does not break; use 'lattice' or 'energy'"
-        )
+        check_breaks(scene)
 
 
 def check_solver(scene: Scene, job: str, solver: str, operator: str | None) -> None:
@@ -158,13 +138,8 @@ def _check_nodes(scene: Scene, job: str) -> None:
     rim = X[np.asarray(cloud.rim.node)]
     fixed, _, _ = supports_on(scene, X)
     check_free(X, np.zeros(len(X), int), fixed)
+    check_forces(scene)
     for load in scene.loads:
-        if load.kind == "resultant":
-            raise ValueError(
-                "loads: pull() spreads a force over volumes, and nodes take densities; "
-                "use body_force(..) inside and traction(..) on the rim"
-            )
-        check_axes("loads", load.components, scene.d)
         reached = X if load.kind == "density" else rim
         if not load.region.contains(reached).any():
             where = "inside the body" if load.kind == "density" else "on the rim"

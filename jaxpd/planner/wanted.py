@@ -12,7 +12,7 @@ import numpy as np
 from jaxpd.geometry import Box, Cloud, HalfSpace
 from jaxpd.laminate import Laminate
 from jaxpd.physics import elastic as constants
-from jaxpd.planner.look import breaks, elastic, remembers
+from jaxpd.planner.laws import breaks, elastic, remembers
 from jaxpd.resolution import MLS, RKPM, Bonds, fractional
 from jaxpd.scene import Elastic, Scene
 
@@ -20,9 +20,6 @@ from jaxpd.scene import Elastic, Scene
 COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 #: Horizon ratios that are tried for bonds.
 RATIOS = (3, 4, 6)
-
-
-FINITE = "finite displacements; kinematics='small' would let nodes do"
 
 
 def theories(scene: Scene, job: str) -> tuple[list[str], str]:
@@ -63,7 +60,7 @@ def _theories(scene: Scene, job: str) -> tuple[list[str], str]:
                 f"kinematics: 'finite' is for bonds, and nu = {scene.material.nu} is "
                 "none of theirs; say kinematics='small', and nodes will do"
             )
-        return ["bonds"], FINITE
+        return ["bonds"], "finite displacements; kinematics='small' would let nodes do"
     if isinstance(scene.body, Cloud) and scene.body.rim is None:
         return ["bonds"], "a cloud without an outline"
     if any(load.kind == "pressure" for load in scene.loads):
@@ -88,25 +85,6 @@ def _bonded(material: Any) -> bool:
     except ValueError:
         return False
     return True
-
-
-def check_able(scene: Scene) -> None:
-    """Refuse constants that bonds, or bodies of so many dimensions, cannot have.
-
-    Raises:
-        ValueError: naming nu or state.
-    """
-    given = scene.material
-    for material in given if isinstance(given, list | tuple) else [given]:
-        if not isinstance(material, Elastic):
-            continue
-        if constants.DIMENSIONS[material.state] != scene.d:
-            raise ValueError(
-                f"state: {material.state!r} is {constants.DIMENSIONS[material.state]}-D"
-                f" and the body is {scene.d}-D"
-            )
-        if isinstance(scene.resolution, Bonds | list | tuple):
-            constants.check_bond_based(material.nu, material.state)
 
 
 def candidates(scene: Scene, job: str, theory: str) -> Iterator[list[Any]]:
